@@ -12,6 +12,7 @@ columns, y along rows, depth z in um growing away from the lens; names of argume
 from ._dataset import Calibration, Dataset, generate, open, resolve, set_threads
 from ._fields import Field, FieldInfo, field, fields
 from ._microsig import __version__
+from ._recording import import_recording
 from ._render import Settings, render
 from ._scenario import Scenario
 from ._scores import Comparison, Scores, compare, evaluate, methods, sweep, track
@@ -38,6 +39,7 @@ __all__ = [
     "field",
     "fields",
     "generate",
+    "import_recording",
     "integers",
     "log_uniform",
     "methods",

@@ -220,7 +220,11 @@ class _Folder:
         if table is None:
             return None
         paths = [self._folder / image for image in table["image"]]
-        images = _microsig.read_images(paths, *_microsig.image_size(self._folder / "calibration/settings.txt"))
+        settings = self._folder / "calibration/settings.txt"
+        first = self.resources.get(str(table["image"][0]), {}) if len(table) else {}
+        # Recordings may have no settings; their manifest has the size.
+        size = (first["width_px"], first["height_px"]) if "width_px" in first else _microsig.image_size(settings)
+        images = _microsig.read_images(paths, *size)
         return Calibration(_fixed(images), table["z_um"], table, table["d_um"] if "d_um" in table else None)
 
     def scenario(self) -> tuple[str, str]:

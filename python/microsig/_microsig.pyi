@@ -23,6 +23,7 @@ __all__ = [
     "fields",
     "generate",
     "image_size",
+    "import_recording",
     "manifest",
     "methods",
     "read_images",
@@ -127,6 +128,7 @@ def evaluate(
     how: How,
 ) -> tuple[str, str, str]: ...
 def compare(scores: list[tuple[str, str, str]]) -> tuple[str, list[str], str]: ...
+def import_recording(out: Path, how: dict[str, Any], show: bool) -> list[str]: ...
 def track(
     dataset: str | os.PathLike[str],
     method: str,

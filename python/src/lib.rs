@@ -6,6 +6,7 @@
 mod columns;
 mod dataset;
 mod fields;
+mod recording;
 mod render;
 mod run;
 mod scores;
@@ -41,6 +42,7 @@ fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
     dataset::add(module)?;
     render::add(module)?;
     fields::add(module)?;
+    recording::add(module)?;
     scores::add(module)?;
     stream::add(module)
 }

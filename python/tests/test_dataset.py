@@ -375,3 +375,23 @@ def test_datasets_in_memory_are_not_pickled():
     for copied in (copy.deepcopy, pickle.dumps):
         with pytest.raises(TypeError, match="save"):
             copied(dataset)
+
+
+def test_a_recording_is_imported_like_a_dataset(tmp_path):
+    made = ms.generate(
+        '(name: "r", optics: (preset: setting1), motion: flow(field: poiseuille()), timing: sequence(frames: 3, dt_s: 0.01),'
+        ' particles: (number: count(10)), calibration: every_um(5))',
+        seed=3,
+    )
+    folder = tmp_path / "made"
+    made.save(folder)
+    with pytest.raises(ValueError, match="expected .* px, as the scan"):
+        ms.import_recording(folder / "images", scan=folder / "calibration/images", out=tmp_path / "out", z_step_um=5, magnification=10, pixel_size_um=6.5)
+    with pytest.raises(ValueError, match="both or neither"):
+        ms.import_recording(folder / "images", scan=folder / "images", out=tmp_path / "out", magnification=10)
+    with pytest.warns(UserWarning, match="one particle"):
+        recording = ms.import_recording(
+            folder / "calibration/images", scan=folder / "calibration/images", out=tmp_path / "out", z_step_um=5, magnification=10, pixel_size_um=6.5
+        )
+    assert len(recording.images) == len(made.calibration.z_um)
+    assert recording.calibration.images.dtype == np.float32

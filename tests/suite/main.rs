@@ -17,6 +17,7 @@ mod fit;
 mod golden;
 mod house;
 mod image_format;
+mod import;
 mod maxima;
 mod messages;
 mod microscope;

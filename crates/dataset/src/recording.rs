@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::TrackRow;
-use crate::manifest::{Manifest, SensorFacts};
+use crate::manifest::{Manifest, RECORDING, SensorFacts};
 use crate::table::Row;
 use storage::error::{Error, Result};
 use storage::folder::is_partial;
@@ -48,6 +48,10 @@ pub struct RecordingFacts {
     pub is_all_in_focus: bool,
     /// Whether this is a test split, whose truth only the organizers have.
     pub is_withheld: bool,
+    /// Whether the images were recorded instead of generated: only a part of the truth is known.
+    pub is_recording: bool,
+    /// Whether the known particles of a recording are all particles of their frames.
+    pub has_all_particles: bool,
     /// Whether it was generated with a secret key.
     pub is_from_key: bool,
     /// Whether only particles are scored, because the velocity field is that of the train split.
@@ -105,6 +109,8 @@ impl RecordingFacts {
                 .as_ref()
                 .map_or(own.renderer.as_deref() == Some("gaussian"), |p| p.focus_um.is_none()),
             is_withheld: own.truth.as_deref() == Some("withheld"),
+            is_recording: own.kind.as_deref() == Some(RECORDING),
+            has_all_particles: own.known.as_ref().is_some_and(|known| known.all_particles),
             is_from_key: own.seed == Some(None),
             is_for_fields_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "particles")),
             is_for_particles_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "fields")),
@@ -133,6 +139,12 @@ impl RecordingFacts {
     /// # Errors
     /// If the truth is withheld.
     pub fn needs_truth(&self, dataset: &Path) -> Result<()> {
+        if self.is_recording && !dataset.join(TrackRow::PATH).exists() {
+            return Err(Error::input(format!(
+                "{}: a recording, of which no positions of particles are known; `microsig import --truth` adds known ones",
+                dataset.display()
+            )));
+        }
         if self.is_withheld {
             return Err(Error::input(format!(
                 "{}: a test split, whose truth is withheld: only its organizers have it; \

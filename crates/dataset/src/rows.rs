@@ -15,6 +15,8 @@ pub const WINDOW: &str = "window";
 pub const BACKWARD: &str = "backward";
 /// Name of the optional column of [`CalibrationRow`] with the diameter.
 pub const SIZES: &str = "sizes";
+/// Name of the optional columns of [`CalibrationRow`] with the place in the field of view.
+pub const PLACES: &str = "places";
 
 table! {
     /// One row per frame.
@@ -276,5 +278,21 @@ table! {
         particles: String, "";
         /// diameter of the particle; steps are numbered within each size
         d_um: f64, "um", SIZES;
+        /// number of the place of the stack in the field of view, from 0, row by row; steps are numbered within each place
+        place: u32, "", PLACES;
+        /// column of that place in the frames
+        place_x_px: f64, "px", PLACES;
+        /// row of that place in the frames
+        place_y_px: f64, "px", PLACES;
+    }
+}
+
+table! {
+    /// One row per frame of a recording in which all particles are in a plane of known height.
+    pub struct PlaneRow in "truth/planes.csv" {
+        /// number of the frame, from 0
+        frame: u32, "";
+        /// height of the plane, growing away from the lens, in the coordinate of the calibration stack
+        z_um: f64, "um";
     }
 }

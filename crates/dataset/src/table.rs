@@ -74,6 +74,14 @@ impl Table {
         Table { description, ..self }
     }
 
+    /// The same table with these columns only.
+    pub fn only(self, names: &[&str]) -> Self {
+        let mut own = self.columns.iter().map(|column| names.contains(&column.name));
+        let kept = self.kept.iter().map(|kept| *kept && own.next().unwrap_or_default()).collect();
+        let columns = self.columns.iter().filter(|column| names.contains(&column.name)).copied().collect();
+        Table { columns, kept, ..self }
+    }
+
     /// The header as CSV.
     pub fn header(&self) -> String {
         let names: Vec<&str> = self.columns.iter().map(|column| column.name).collect();

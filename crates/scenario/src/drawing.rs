@@ -81,21 +81,22 @@ const MAX_IMAGES: f64 = 100_000.0;
 
 /// Checks steps and sizes of the calibration stacks.
 pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut Problems) {
-    let (path, step_um) = match &spec.calibration {
-        Some(Calibration::EveryUm(step_um)) => ("calibration.every_um", Some(*step_um)),
-        Some(Calibration::Sizes { diameters_um, every_um }) => {
-            for (k, d_um) in diameters_um.iter().enumerate() {
-                let path = format!("calibration.sizes.diameters_um.{k}");
-                if !(*d_um > 0.0 && *d_um <= 1e6) {
-                    problems.value(&path, d_um, "a number > 0 and <= 1e6");
-                } else if diameters_um[..k].contains(d_um) {
-                    problems.value(&path, d_um, "each diameter once");
-                }
-            }
-            ("calibration.sizes.every_um", *every_um)
-        }
-        _ => return,
+    let Some(calibration) = &spec.calibration else { return };
+    let within = match calibration {
+        Calibration::Sizes { .. } => "calibration.sizes",
+        Calibration::Field { .. } => "calibration.field",
+        _ => "calibration",
     };
+    let diameters_um = calibration.given_diameters_um().unwrap_or_default();
+    for (k, d_um) in diameters_um.iter().enumerate() {
+        let path = format!("{within}.diameters_um.{k}");
+        if !(*d_um > 0.0 && *d_um <= 1e6) {
+            problems.value(&path, d_um, "a number > 0 and <= 1e6");
+        } else if diameters_um[..k].contains(d_um) {
+            problems.value(&path, d_um, "each diameter once");
+        }
+    }
+    let (path, step_um) = (&format!("{within}.every_um"), calibration.given_step_um());
     if let Some(step_um) = step_um.filter(|step_um| (high - low) / step_um > MAX_IMAGES) {
         let least = (high - low) / MAX_IMAGES;
         problems.value(path, step_um, &format!("at least {least}: a stack has at most {MAX_IMAGES} images"));

@@ -266,11 +266,11 @@ fn check_depths(
     let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
     // A spheroid aligned with the optical axis extends farthest toward the lens.
     let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
-    let calibrated = match &spec.calibration {
-        Some(spec::Calibration::Sizes { diameters_um, .. }) => diameters_um.as_slice(),
-        _ => &[],
-    };
-    let calibrated = calibrated.iter().map(|d_um| ("calibration.sizes.diameters_um", z_um.0, *d_um, None));
+    let calibrated =
+        spec.calibration.as_ref().and_then(spec::Calibration::given_diameters_um).unwrap_or_default();
+    let of_field = matches!(spec.calibration, Some(spec::Calibration::Field { .. }));
+    let key = if of_field { "calibration.field.diameters_um" } else { "calibration.sizes.diameters_um" };
+    let calibrated = calibrated.iter().map(|d_um| (key, z_um.0, *d_um, None));
     let extremes =
         [("particles", z_um.0, diameters.max(), spheroid), ("particles", z_um.1, diameters.min(), spheroid)];
     for (path, z, d_um, spheroid) in extremes.into_iter().chain(calibrated) {

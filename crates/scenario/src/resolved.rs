@@ -170,13 +170,31 @@ impl Scenario {
     pub fn calibrated_um(&self) -> Vec<f64> {
         match &self.spec.calibration {
             None | Some(Calibration::None) => Vec::new(),
-            Some(Calibration::Sizes { diameters_um, .. }) => {
-                let mut sizes = diameters_um.clone();
-                sizes.sort_by(f64::total_cmp);
-                sizes
-            }
-            Some(Calibration::Stack | Calibration::EveryUm(_)) => self.representative_um(),
+            Some(calibration) => match calibration.given_diameters_um() {
+                Some(diameters_um) => {
+                    let mut sizes = diameters_um.to_vec();
+                    sizes.sort_by(f64::total_cmp);
+                    sizes
+                }
+                None => self.representative_um(),
+            },
         }
+    }
+
+    /// Places of the calibration stacks in the image, px, row by row; empty if there is one for the whole field
+    /// of view. Each is the center of a pixel.
+    pub fn calibrated_px(&self) -> Vec<[f64; 2]> {
+        let n = self.spec.calibration.as_ref().map_or(1, Calibration::places);
+        if n < 2 {
+            return Vec::new();
+        }
+        let along = |k: u32, pixels: u32| {
+            (f64::from(pixels) * (f64::from(k) + 0.5) / f64::from(n) + 0.5)
+                .round()
+                .clamp(1.0, f64::from(pixels))
+        };
+        let (width, height) = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
+        (0..n * n).map(|k| [along(k % n, width), along(k / n, height)]).collect()
     }
 
     /// A warning if the images of a single calibration stack represent particles of several sizes.

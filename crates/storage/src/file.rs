@@ -26,6 +26,32 @@ pub fn save_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     replace(path, PUBLIC, |mut file| file.write_all(bytes).map_err(Error::write(path)))
 }
 
+/// How a file was put into another folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Placed {
+    /// As a hard link: both names are of the same bytes on disk.
+    Linked,
+    /// As a copy.
+    Copied,
+}
+
+/// Puts a file into a folder under construction: as a hard link if `link` and if the file system has links
+/// between the two places, as a copy otherwise. A symbolic link is followed.
+///
+/// # Errors
+/// An I/O error.
+pub fn place(file: &Path, to: &Path, link: bool) -> Result<Placed> {
+    pause_if_interrupted();
+    journal::record_started(to)?;
+    let whole = file.canonicalize().map_err(|e| Error::read(file, e))?;
+    if link && std::fs::hard_link(&whole, to).is_ok() {
+        return Ok(Placed::Linked);
+    }
+    let mut from = crate::input::open(&whole)?;
+    save(to, |writer| std::io::copy(&mut from, writer).map(drop).map_err(Error::write(to)))?;
+    Ok(Placed::Copied)
+}
+
 /// [`save_bytes`] with permissions for the owner only.
 pub fn save_private(path: &Path, bytes: &[u8]) -> Result<()> {
     replace(path, PRIVATE, |mut file| file.write_all(bytes).map_err(Error::write(path)))

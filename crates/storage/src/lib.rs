@@ -19,7 +19,7 @@ pub mod table_cache;
 mod walk;
 
 pub use error::{Error, Result};
-pub use file::{may_write, outside_datasets, save, save_bytes, save_private, save_result};
+pub use file::{Placed, may_write, outside_datasets, place, save, save_bytes, save_private, save_result};
 pub use input::read_text;
 pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_errors, on_interrupt};
 

@@ -1,15 +1,16 @@
 //! The calibration stacks: images of one particle at known depths, one stack for each particle size. They are
 //! validated as untrusted input.
 
+use std::io::BufReader;
 use std::path::{Component, Path};
 
 use microsig_core::Settings;
-use microsig_core::formats::{data_file, settings_file};
+use microsig_core::formats::{data_file, settings_file, tiff};
 use microsig_core::render::WaveOptics;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
-use dataset::manifest::Manifest;
+use dataset::manifest::{Manifest, RECORDING};
 use dataset::{CalibrationRow, Row as _, TableReader};
 use storage::error::{Error, Result};
 use storage::input;
@@ -22,6 +23,12 @@ const MOST_PIXELS: u64 = 1 << 26;
 
 /// Minimum distance of the particle from the image edge, px: the minimum half width of a template.
 const LEAST_ROOM_PX: f64 = 4.0;
+
+/// Smallest side of a calibration image, px.
+const LEAST_SIDE: u32 = 2 * LEAST_ROOM_PX as u32 + 1;
+
+/// The settings with which the stacks were made.
+const SETTINGS: &str = "calibration/settings.txt";
 
 /// Allowed depths, um.
 const DEPTHS_UM: std::ops::RangeInclusive<f64> = -1e6..=1e6;
@@ -43,6 +50,17 @@ struct Row {
     image: String,
     /// Diameter of the particle, um; 0 if all are of one size.
     d_um: f64,
+    place: u32,
+    /// Place in the frames, px from 0.
+    place_at: [f64; 2],
+}
+
+/// The stacks at a place of the field of view, one for each size of particles in order of their diameters.
+#[derive(Debug)]
+pub(super) struct PlaceStacks {
+    /// The place, px from 0; `None` if the stacks are for the whole field of view.
+    pub(super) at: Option<[f64; 2]>,
+    pub(super) sizes: Vec<Vec<CalibrationImage>>,
 }
 
 /// The optical settings with which a stack was made.
@@ -53,26 +71,60 @@ pub(super) struct Origin {
     pub(super) d_um: f64,
     /// Physical depth over depth in MicroSIG's data files.
     pub(super) depth_factor: f64,
+    /// Depth of the stack at which the depth in data files is 0, um.
+    pub(super) zero_um: f64,
     /// Light and objective if the images are diffracted.
     pub(super) waves: Option<WaveOptics>,
 }
 
-/// Reads the stacks of a dataset, one for each size of particles in order of their diameters, sorted by
-/// depth, without duplicate depths.
+/// Reads the stacks of a dataset at all places of the field of view, sorted by depth, without duplicate
+/// depths.
 ///
 /// # Errors
 /// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
 /// dataset's folder, or a particle closer than 4 px to the edge of its image.
-pub(super) fn read(dataset: &Path) -> Result<Vec<Vec<CalibrationImage>>> {
+pub(super) fn read_field(dataset: &Path) -> Result<Vec<PlaceStacks>> {
     let (size, stacks) = table(dataset)?;
-    let images = |rows: Vec<Row>| {
-        let image = |row: Row| {
-            let image = read_image(&dataset.join(&row.image), size)?;
-            Ok(CalibrationImage { z_um: row.z_um, at: row.at, image })
-        };
-        rows.into_iter().map(image).collect()
+    let has_places = stacks.iter().any(|rows| rows[0].place != stacks[0][0].place);
+    let mut places: Vec<(u32, PlaceStacks)> = Vec::new();
+    for rows in stacks {
+        let (place, at) = (rows[0].place, has_places.then_some(rows[0].place_at));
+        let images = images(dataset, rows, size)?;
+        match places.last_mut().filter(|(last, _)| *last == place) {
+            Some((_, stacks)) => stacks.sizes.push(images),
+            None => places.push((place, PlaceStacks { at, sizes: vec![images] })),
+        }
+    }
+    Ok(places.into_iter().map(|(_, stacks)| stacks).collect())
+}
+
+/// Reads the stacks of a dataset, one for each size of particles in order of their diameters; with several
+/// places in the field of view, those at the place nearest to its middle.
+///
+/// # Errors
+/// As [`read_field`].
+pub(super) fn read(dataset: &Path) -> Result<Vec<Vec<CalibrationImage>>> {
+    let (size, stacks) = central(dataset)?;
+    stacks.into_iter().map(|rows| images(dataset, rows, size)).collect()
+}
+
+fn images(dataset: &Path, rows: Vec<Row>, size: (u32, u32)) -> Result<Vec<CalibrationImage>> {
+    let image = |row: Row| {
+        let image = read_image(&dataset.join(&row.image), size)?;
+        Ok(CalibrationImage { z_um: row.z_um, at: row.at, image })
     };
-    stacks.into_iter().map(images).collect()
+    rows.into_iter().map(image).collect()
+}
+
+/// Size of the images (px), and the rows of the stacks nearest to the middle of the field of view.
+fn central(dataset: &Path) -> Result<Stacks> {
+    let (size, mut stacks) = table(dataset)?;
+    let sensor = Manifest::read(dataset).ok().and_then(|manifest| manifest.microsig.sensor);
+    let middle = sensor.map_or([0.0; 2], |s| [s.width_px, s.height_px].map(|n| 0.5 * (f64::from(n) - 1.0)));
+    let away = |rows: &Vec<Row>| (rows[0].place_at[0] - middle[0]).hypot(rows[0].place_at[1] - middle[1]);
+    let nearest = stacks.iter().min_by(|a, b| away(a).total_cmp(&away(b))).map(|rows| rows[0].place);
+    stacks.retain(|rows| Some(rows[0].place) == nearest);
+    Ok((size, stacks))
 }
 
 /// Reads and checks the calibration stacks of a dataset; returns their number of images.
@@ -81,7 +133,7 @@ pub(super) fn read(dataset: &Path) -> Result<Vec<Vec<CalibrationImage>>> {
 /// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
 /// dataset's folder, or a particle closer than 4 px to the edge of its image.
 pub fn check(dataset: &Path) -> Result<usize> {
-    Ok(read(dataset)?.iter().map(Vec::len).sum())
+    Ok(read_field(dataset)?.iter().flat_map(|place| &place.sizes).map(Vec::len).sum())
 }
 
 /// Reads the settings and optics of the stacks, and the diameter and depths of the particle of each.
@@ -89,7 +141,15 @@ pub fn check(dataset: &Path) -> Result<usize> {
 /// # Errors
 /// As [`read`]; a data file without a particle.
 pub(super) fn origins(dataset: &Path) -> Result<Vec<Origin>> {
-    let (_, stacks) = table(dataset)?;
+    let manifest = Manifest::read(dataset)?.microsig;
+    if manifest.kind.as_deref() == Some(RECORDING) && manifest.renderer.is_none() {
+        return Err(Error::input(format!(
+            "{}: a recording without a model of its optics, which this method needs; `microsig fit` finds them from the scan, \
+             `microsig import --optics` puts them in; `ncc` needs no model",
+            dataset.display()
+        )));
+    }
+    let (_, stacks) = central(dataset)?;
     stacks.iter().map(|rows| origin(dataset, rows)).collect()
 }
 
@@ -120,13 +180,16 @@ fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
     }
     let waves = Manifest::read(dataset)?.microsig.waves.map(|facts| facts.optics());
     let largest = waves.as_ref().map_or(1.0, |waves| waves.lens.largest_aperture(waves.layers.as_ref()));
-    Ok(Origin { settings: settings(dataset, largest)?, d_um: last.d_um, depth_factor, waves })
+    let zero_um = low.z_um - depth_factor * first.z_um;
+    // In datasets both depths are 0 in the same plane, up to rounding.
+    let zero_um = if zero_um.abs() < 1e-6 { 0.0 } else { zero_um };
+    Ok(Origin { settings: settings(dataset, largest)?, d_um: last.d_um, depth_factor, zero_um, waves })
 }
 
 /// The settings of the stack. The numerical aperture is less than `largest`, the refractive index of the
 /// immersion, which is in the manifest only.
 fn settings(dataset: &Path, largest: f64) -> Result<Settings> {
-    let path = dataset.join("calibration/settings.txt");
+    let path = dataset.join(SETTINGS);
     let file = input::open(&path)?;
     Ok(settings_file::read_immersed(file, &path.display().to_string(), largest)?.settings)
 }
@@ -141,20 +204,21 @@ fn table(dataset: &Path) -> Result<Stacks> {
         let hint = "missing; this method needs the calibration stack of the dataset";
         return Err(Error::input(format!("{}: {hint}", table.display())));
     }
-    // The size does not depend on the immersion, whose refractive index is below 2.
-    let settings = settings(dataset, 2.0)?;
-    let size = (settings.pixel_dim_x, settings.pixel_dim_y);
+    let size = image_size(dataset, &table)?;
     let wrong = |message: String| Err(Error::input(format!("{}: {message}", table.display())));
-    let least = 2.0 * LEAST_ROOM_PX + 1.0;
-    if f64::from(size.0.min(size.1)) < least {
+    let least = LEAST_SIDE;
+    if size.0.min(size.1) < least {
         return wrong(format!(
             "images of {} x {} px; expected at least {least} x {least} px",
             size.0, size.1
         ));
     }
     let mut rows = rows(&table, size)?;
-    rows.sort_by(|a, b| a.d_um.total_cmp(&b.d_um).then(a.z_um.total_cmp(&b.z_um)));
-    let is_same = |pair: &&[Row]| (pair[0].d_um, pair[0].z_um) == (pair[1].d_um, pair[1].z_um);
+    rows.sort_by(|a, b| {
+        a.place.cmp(&b.place).then(a.d_um.total_cmp(&b.d_um)).then(a.z_um.total_cmp(&b.z_um))
+    });
+    let stack = |row: &Row| (row.place, row.d_um);
+    let is_same = |pair: &&[Row]| stack(&pair[0]) == stack(&pair[1]) && pair[0].z_um == pair[1].z_um;
     if let Some(pair) = rows.windows(2).find(is_same) {
         let [first, second] = [pair[0].line.min(pair[1].line), pair[0].line.max(pair[1].line)];
         return wrong(format!(
@@ -168,8 +232,8 @@ fn table(dataset: &Path) -> Result<Stacks> {
     }
     let mut stacks: Vec<Vec<Row>> = Vec::new();
     for row in rows {
-        match stacks.last_mut().filter(|stack| stack[0].d_um == row.d_um) {
-            Some(stack) => stack.push(row),
+        match stacks.last_mut().filter(|rows| stack(&rows[0]) == stack(&row)) {
+            Some(rows) => rows.push(row),
             None => stacks.push(vec![row]),
         }
     }
@@ -179,6 +243,35 @@ fn table(dataset: &Path) -> Result<Stacks> {
         ));
     }
     Ok((size, stacks))
+}
+
+/// Size of the images, px: that of the settings, or that of the first image if no optics are known.
+fn image_size(dataset: &Path, table: &Path) -> Result<(u32, u32)> {
+    if dataset.join(SETTINGS).exists() {
+        // The size does not depend on the immersion, whose refractive index is below 2.
+        let settings = settings(dataset, 2.0)?;
+        return Ok((settings.pixel_dim_x, settings.pixel_dim_y));
+    }
+    let mut first = None;
+    TableReader::open(table)?.rows(&["image"], |_, row: CalibrationRow| {
+        if first.is_none() {
+            first = Some(below(&row.image)?.to_owned());
+        }
+        Ok(())
+    })?;
+    let Some(image) = first else { return Ok((LEAST_SIDE, LEAST_SIDE)) };
+    let path = dataset.join(image);
+    let file = BufReader::new(input::open(&path)?);
+    Ok(tiff::size(file, &path.display().to_string())?)
+}
+
+/// The path of an image if it is below the dataset's folder.
+fn below(image: &str) -> std::result::Result<&Path, String> {
+    let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+    if image.is_empty() || !Path::new(image).components().all(inside) {
+        return Err(format!("image = `{image}`: expected a path below the dataset's folder"));
+    }
+    Ok(Path::new(image))
 }
 
 /// The rows of the table, validated against the size of the images.
@@ -201,15 +294,13 @@ fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
             ))
         });
         let [x, y] = at;
-        let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
-        if image.is_empty() || !Path::new(&image).components().all(inside) {
-            return Err(format!("image = `{image}`: expected a path below the dataset's folder"));
-        }
+        below(&image)?;
+        let place_at = [row.place_x_px, row.place_y_px].map(|px| if px.is_finite() { px - 1.0 } else { 0.0 });
         let d_um = if row.d_um.is_nan() { 0.0 } else { row.d_um };
         if !(0.0..=1e6).contains(&d_um) {
             return Err(format!("d_um = {d_um}: expected a number > 0 and <= 1e6"));
         }
-        rows.push(Row { line, z_um, at: [x?, y?], image, d_um });
+        rows.push(Row { line, z_um, at: [x?, y?], image, d_um, place: row.place, place_at });
         Ok(())
     })?;
     Ok(rows)

@@ -4,18 +4,18 @@ use microsig_core::bspline;
 
 /// A grayscale image. Pixels are indexed from 0 here, from 1 in datasets; [`super`] converts.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct GrayImage {
+pub struct GrayImage {
     /// Width, px.
-    pub(super) width: usize,
+    pub width: usize,
     /// Height, px.
-    pub(super) height: usize,
+    pub height: usize,
     /// Counts, row by row.
-    pub(super) counts: Vec<f32>,
+    pub counts: Vec<f32>,
 }
 
 impl GrayImage {
     /// The image whose pixel at column `x` and row `y` is `count(x, y)`.
-    pub(super) fn from_fn((width, height): (usize, usize), count: impl Fn(usize, usize) -> f32) -> Self {
+    pub fn from_fn((width, height): (usize, usize), count: impl Fn(usize, usize) -> f32) -> Self {
         let counts = (0..width * height).map(|i| count(i % width, i / width)).collect();
         GrayImage { width, height, counts }
     }
@@ -36,7 +36,7 @@ impl GrayImage {
 
     /// Level and standard deviation of the background if particles may cover much of the image: bright pixels
     /// are clipped iteratively, and the statistics come from the darker half of the rest.
-    pub(super) fn background(&self) -> (f32, f32) {
+    pub fn background(&self) -> (f32, f32) {
         let mut kept = self.counts.clone();
         let (mut level, mut noise) = (self.median(), self.noise());
         for _ in 0..20 {
@@ -57,7 +57,7 @@ impl GrayImage {
     }
 
     /// The image convolved with a Gaussian of this standard deviation, px; edge pixels are replicated.
-    pub(super) fn smoothed(&self, sigma_px: f32) -> GrayImage {
+    pub fn smoothed(&self, sigma_px: f32) -> GrayImage {
         let half = (3.0 * sigma_px).ceil() as isize;
         let weights: Vec<f32> =
             (-half..=half).map(|k| (-0.5 * (k as f32 / sigma_px).powi(2)).exp()).collect();
@@ -112,13 +112,13 @@ pub(super) const CUBIC: [f64; 1] = [-0.267_949_192_431_122_7];
 /// Interpolating cubic B-spline of an image (Unser 1999, IEEE Signal Process. Mag. 16(6), 22), mirrored at
 /// the edges.
 #[derive(Debug)]
-pub(super) struct Spline {
+pub struct Spline {
     coefficients: GrayImage,
 }
 
 impl Spline {
     /// The spline of an image.
-    pub(super) fn new(image: &GrayImage) -> Self {
+    pub fn new(image: &GrayImage) -> Self {
         Spline { coefficients: prefiltered(image, &CUBIC) }
     }
 
@@ -128,7 +128,7 @@ impl Spline {
     }
 
     /// The interpolated value at a position, px from 0.
-    pub(super) fn at(&self, x: f32, y: f32) -> f32 {
+    pub fn at(&self, x: f32, y: f32) -> f32 {
         let c = &self.coefficients;
         let (x0, y0) = (x.floor(), y.floor());
         let ((wx, _), (wy, _)) = (weights(x - x0), weights(y - y0));

@@ -27,6 +27,7 @@ pub(super) struct Job<'a> {
 struct Log {
     seconds: Vec<f64>,
     warnings: Vec<String>,
+    notes: Vec<String>,
 }
 
 impl<'a> Job<'a> {
@@ -44,8 +45,15 @@ impl<'a> Job<'a> {
         self.log().warnings.push(warning.into());
     }
 
-    pub(super) fn into_warnings(self) -> Vec<String> {
-        self.log.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner).warnings
+    /// Says how the run works.
+    pub(super) fn note(&self, note: impl Into<String>) {
+        self.log().notes.push(note.into());
+    }
+
+    /// Warnings, then notes.
+    pub(super) fn into_messages(self) -> (Vec<String>, Vec<String>) {
+        let log = self.log.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        (log.warnings, log.notes)
     }
 
     /// Mean and maximum CPU time per frame, s.

@@ -13,6 +13,7 @@ mod calibration;
 mod cpu_time;
 mod deform;
 mod denoise;
+mod field_images;
 mod fit;
 mod gray_image;
 mod images;
@@ -25,13 +26,16 @@ mod mle;
 mod ncc;
 mod output;
 mod piv;
+mod recorded_noise;
 mod recording;
+mod regions;
 mod search;
 mod spots;
 mod stack;
 mod templates;
 
 pub use calibration::check as check_calibration;
+pub use gray_image::{GrayImage, Spline};
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -137,6 +141,8 @@ pub struct Tracked {
     pub slowest_frame_seconds: Option<f64>,
     /// Warnings about the result.
     pub warnings: Vec<String>,
+    /// What the method used, if it had a choice.
+    pub notes: Vec<String>,
 }
 
 /// A particle found in a frame, in pixels of the dataset (the center of the first pixel is 1).
@@ -172,6 +178,7 @@ pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Track
     save_result(out, options.force, table.csv().as_bytes())?;
     let frames = job.recording.frames();
     let (seconds_per_frame, slowest_frame_seconds) = job.frame_seconds().unzip();
+    let (warnings, notes) = job.into_messages();
     Ok(Tracked {
         out: out.to_owned(),
         method: method.name,
@@ -180,7 +187,8 @@ pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Track
         seconds: start.elapsed().as_secs_f64(),
         seconds_per_frame,
         slowest_frame_seconds,
-        warnings: job.into_warnings(),
+        warnings,
+        notes,
     })
 }
 
@@ -192,7 +200,7 @@ pub fn result(dataset: &Path, options: &TrackOptions) -> Result<(Columns, Vec<St
     let method = method(&options.method)?;
     let job = Job::new(dataset, options)?;
     let table = (method.run)(&job)?.columns();
-    Ok((table, job.into_warnings()))
+    Ok((table, job.into_messages().0))
 }
 
 #[cfg(test)]

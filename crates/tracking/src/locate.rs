@@ -5,12 +5,14 @@ use std::sync::{Mutex, PoisonError};
 use super::Localization;
 use super::acceptance::Rejections;
 use super::denoise::PixelNoise;
+use super::field_images::FieldPlaces;
 use super::fit::Residual;
 use super::gray_image::GrayImage;
 use super::images::ParticleImages;
 use super::job::Job;
 use super::joint_fit::{Model, fit_all};
 use super::output::Output;
+use super::regions;
 use super::search::Search;
 use super::templates::Templates;
 use storage::error::Result;
@@ -27,8 +29,10 @@ pub(super) struct Locator<I> {
     images: Vec<I>,
     /// Relative error of the images.
     error: f32,
-    /// Binned templates for the search, of each size.
-    coarse: Vec<Templates>,
+    /// Binned templates for the search, of each size, at each place of the field of view.
+    coarse: Vec<Vec<Templates>>,
+    /// These places, if there are several.
+    places: Option<FieldPlaces>,
     /// Side of a binned pixel, px.
     bin: usize,
     /// Variance of the noise per count of light.
@@ -41,17 +45,45 @@ impl<I: ParticleImages> Locator<I> {
     /// a frame.
     pub(super) fn new(sizes: Vec<(Templates, I)>, error: f32, noise: PixelNoise) -> Self {
         let (templates, images): (Vec<Templates>, Vec<I>) = sizes.into_iter().unzip();
-        let radii = templates.iter().flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius));
+        Locator::searching(vec![templates], None, images, error, noise)
+    }
+
+    /// For each place of the field of view, templates of each size for the search nearby; and images of each
+    /// size for the final fit, which depend on the position.
+    pub(super) fn over_field(
+        templates: Vec<Vec<Templates>>,
+        places: FieldPlaces,
+        images: Vec<I>,
+        error: f32,
+        noise: PixelNoise,
+    ) -> Self {
+        let places = (templates.len() > 1).then_some(places);
+        Locator::searching(templates, places, images, error, noise)
+    }
+
+    fn searching(
+        templates: Vec<Vec<Templates>>,
+        places: Option<FieldPlaces>,
+        images: Vec<I>,
+        error: f32,
+        noise: PixelNoise,
+    ) -> Self {
+        let all = || templates.iter().flatten();
+        let radii = all().flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius));
         let largest = radii.max().unwrap_or(0);
         // Odd, so that the particle stays at the center of a pixel.
         let bin = largest.div_ceil(SEARCH_RADIUS).max(1) / 2 * 2 + 1;
         Locator {
             images,
             error,
-            coarse: templates.iter().map(|of_size| of_size.binned(bin, noise)).collect(),
+            coarse: templates
+                .iter()
+                .map(|of_place| of_place.iter().map(|of_size| of_size.binned(bin, noise)).collect())
+                .collect(),
+            places,
             bin,
             gain: noise.gain,
-            step_um: templates.iter().map(Templates::step_um).fold(f64::INFINITY, f64::min),
+            step_um: all().map(Templates::step_um).fold(f64::INFINITY, f64::min),
         }
     }
 
@@ -76,7 +108,11 @@ impl<I: ParticleImages> Locator<I> {
         let mut coarse = image.binned(self.bin);
         coarse.counts.iter_mut().for_each(|c| *c -= level);
         let weight = weights(&coarse, noise.binned(self.bin));
-        let (mut found, rejections) = Search::run(&self.coarse, Residual { image: coarse, weight });
+        let residual = Residual { image: coarse, weight };
+        let (mut found, rejections) = match &self.places {
+            None => Search::run(&self.coarse[0], residual),
+            Some(places) => regions::search(&self.coarse, places, &residual, self.bin),
+        };
         for fit in &mut found {
             fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
         }

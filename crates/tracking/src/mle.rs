@@ -16,6 +16,7 @@ use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
 use super::locate::Locator;
+use super::recorded_noise::RecordedNoise;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
 use storage::error::{Error, Result};
@@ -43,6 +44,8 @@ struct ModelImages {
     d_um: f64,
     /// Physical depth over depth in the model.
     depth_factor: f64,
+    /// Depth at which the depth in the model is 0, um.
+    zero_um: f64,
     /// Counts per ray.
     unit: f64,
     /// Central pixel of the renderer's sensor, from 1.
@@ -55,6 +58,7 @@ struct ModelImages {
 fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
+    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
     let sizes = stacks.into_iter().zip(calibration::origins(job.dataset)?);
     let sizes = sizes.map(|(stack, origin)| of_size(job, stack, &origin)).collect::<Result<_>>()?;
     Ok(Locator::new(sizes, MODEL_ERROR, noise))
@@ -85,8 +89,8 @@ fn of_size(job: &Job, stack: Stack, origin: &Origin) -> Result<(Templates, Model
 
 impl ModelImages {
     fn new(origin: &Origin, depths_um: &[f64], side: usize) -> Result<Self> {
-        let Origin { settings, d_um, depth_factor, waves } = origin;
-        let (d_um, depth_factor) = (*d_um, *depth_factor);
+        let Origin { settings, waves, .. } = origin;
+        let Origin { d_um, depth_factor, zero_um, .. } = *origin;
         // Margin for sub-pixel shifts.
         let size = side as u32 + 4;
         let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
@@ -98,7 +102,7 @@ impl ModelImages {
         let renderer = RendererSpec::from(method).build(&settings, &context())?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
-        Ok(ModelImages { renderer, d_um, depth_factor, unit: 1.0, middle, depths_um, radii })
+        Ok(ModelImages { renderer, d_um, depth_factor, zero_um, unit: 1.0, middle, depths_um, radii })
     }
 
     /// The stack computed by the model, on squares of this side.
@@ -149,7 +153,7 @@ impl ParticleImages for ModelImages {
     fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
         let middle = at.map(f64::round);
         let [x, y] = [0, 1].map(|axis| self.middle as f64 + at[axis] - middle[axis]);
-        let particle = Particle::sphere(x, y, z_um / self.depth_factor, self.d_um);
+        let particle = Particle::sphere(x, y, (z_um - self.zero_um) / self.depth_factor, self.d_um);
         let (corner, side) = (self.middle - radius as i64, 2 * radius + 1);
         let window = Window { x0: corner, y0: corner, width: side, height: side };
         let pixels = self.renderer.gradient(&particle, Some(window)).map(|Gradient { pixels, .. }| pixels);

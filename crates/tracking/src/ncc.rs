@@ -3,11 +3,15 @@
 //! The images of the stack serve as templates (Barnkob, Kaehler & Rossi 2015, Lab Chip 15, 3556); they are
 //! denoised (`stack`, `denoise`) and interpolated between pixels and depths (`templates`). Correlation maps
 //! give candidates (`search`), whose positions, depths and brightnesses are finally fitted jointly
-//! (`joint_fit`).
+//! (`joint_fit`). With stacks at several places of the field of view, the search uses the nearest one, and the
+//! final fit interpolates between them (`field_images`).
 
 use super::Method;
-use super::calibration::{self, CalibrationImage};
+use super::calibration::{self, CalibrationImage, PlaceStacks};
+use super::denoise::PixelNoise;
+use super::field_images::{FieldImages, FieldPlaces};
 use super::locate::Locator;
+use super::recorded_noise::RecordedNoise;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
 
@@ -17,8 +21,48 @@ const TEMPLATE_ERROR: f32 = 0.02;
 pub(super) const METHOD: Method = Method {
     name: "ncc",
     about: "Depth by correlation with the calibration stack (GDPT), linked",
-    run: |job| locator(&calibration::read(job.dataset)?).particles(job),
+    run: |job| {
+        let places = calibration::read_field(job.dataset)?;
+        let recorded = RecordedNoise::read(job.dataset)?;
+        let is_field = places.iter().any(|place| place.at.is_some());
+        if !is_field && recorded.is_none() {
+            let stacks = places.into_iter().next().map_or_else(Vec::new, |place| place.sizes);
+            return locator(&stacks).particles(job);
+        }
+        if is_field {
+            job.note(format!(
+                "images interpolated between the calibration stacks of {} places",
+                places.len()
+            ));
+        }
+        field_locator(places, recorded).particles(job)
+    },
 };
+
+/// From the stacks of each size of particles at several places, or of a recording.
+fn field_locator(places: Vec<PlaceStacks>, recorded: Option<RecordedNoise>) -> Locator<FieldImages> {
+    let at = FieldPlaces::new(places.iter().map(|place| place.at.unwrap_or_default()).collect());
+    let known = recorded.and_then(RecordedNoise::of_stack);
+    let mut sizes: Vec<Vec<Templates>> = Vec::new();
+    let mut of_stack = None;
+    for place in places {
+        let stacks: Vec<Stack> = place.sizes.iter().map(|steps| Stack::off_axis(steps, known)).collect();
+        of_stack.get_or_insert(brightest(&stacks).noise);
+        for (size, stack) in stacks.into_iter().enumerate() {
+            let templates = Templates::new(stack.depths_um, stack.images, stack.noise);
+            match sizes.get_mut(size) {
+                Some(of_size) => of_size.push(templates),
+                None => sizes.push(vec![templates]),
+            }
+        }
+    }
+    let of_stack = of_stack.unwrap_or(PixelNoise::new(1.0, 0.0));
+    let noise = recorded.map_or(of_stack, |recorded| recorded.of_frame(of_stack));
+    let images = sizes.iter().map(|of_size| FieldImages::new(at.clone(), of_size.clone())).collect();
+    // The search uses the stack that is nearest.
+    let nearest = (0..at.len()).map(|k| sizes.iter().map(|of_size| of_size[k].clone()).collect()).collect();
+    Locator::over_field(nearest, at, images, TEMPLATE_ERROR, noise)
+}
 
 /// From the stack of each size of particles.
 fn locator(stacks: &[Vec<CalibrationImage>]) -> Locator<Templates> {

@@ -3,7 +3,8 @@
 //! The image of a sphere on the optical axis is invariant under rotation by 180 degrees. With a spherical
 //! lens, or a cylindrical lens aligned with the pixel axes, it is also mirror symmetric, and with a spherical
 //! lens also symmetric about the diagonals. The symmetry is determined from the stack itself. Differences
-//! between equivalent pixels are noise: background noise, and a part that grows with the light.
+//! between equivalent pixels are noise: background noise, and a part that grows with the light. Off the axis of a
+//! real objective, coma, vignetting and the chief ray make images that have none of these symmetries.
 
 use rayon::prelude::*;
 
@@ -34,6 +35,8 @@ pub(super) struct Stack {
 /// Symmetry of the particle image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Symmetry {
+    /// None.
+    None,
     /// A rotation by 180 degrees.
     Rotation,
     /// Also reflections about both axes.
@@ -43,12 +46,27 @@ enum Symmetry {
 }
 
 impl Stack {
+    /// The stack of a sphere on the optical axis.
     pub(super) fn new(steps: &[CalibrationImage]) -> Self {
+        Stack::prepared(steps, false, None)
+    }
+
+    /// The stack of a sphere at any place of the field of view, with the noise of its images if it is known.
+    pub(super) fn off_axis(steps: &[CalibrationImage], known: Option<PixelNoise>) -> Self {
+        Stack::prepared(steps, true, known)
+    }
+
+    fn prepared(steps: &[CalibrationImage], off_axis: bool, known: Option<PixelNoise>) -> Self {
         let level = background(steps);
         let room = common_room(steps);
         let centered: Vec<GrayImage> = steps.iter().map(|step| centered(step, room, level)).collect();
-        let noise = noise(&centered);
-        let symmetry = Symmetry::of(&centered);
+        let is_lopsided = off_axis && is_lopsided(&centered);
+        let noise = match known {
+            Some(known) => known,
+            None if is_lopsided => noise(&over_depth(&centered)),
+            None => noise(&rotated(&centered)),
+        };
+        let symmetry = if is_lopsided { Symmetry::None } else { Symmetry::of(&centered) };
         let averaged: Vec<GrayImage> = centered.iter().map(|image| symmetry.averaged(image)).collect();
         // One part of a symmetric image suffices; some pixels beyond the axes are kept for blocks that cross
         // them.
@@ -57,6 +75,7 @@ impl Stack {
             room + 1 + BEYOND_AXIS.min(room),
             if symmetry == Symmetry::Rotation { side } else { room + 1 + BEYOND_AXIS.min(room) },
         );
+        let part = if symmetry == Symmetry::None { (side, side) } else { part };
         let cut = |image: &GrayImage| GrayImage::from_fn(part, |x, y| image.counts[y * side + x]);
         let parts: Vec<GrayImage> = averaged.iter().map(cut).collect();
         let images = denoised(&parts, noise, symmetry.order())
@@ -125,6 +144,7 @@ impl Symmetry {
     /// Number of equivalent pixels.
     fn order(self) -> f32 {
         match self {
+            Symmetry::None => 1.0,
             Symmetry::Rotation => 2.0,
             Symmetry::Mirrors => 4.0,
             Symmetry::Octants => 8.0,
@@ -135,6 +155,7 @@ impl Symmetry {
     fn representative(self, x: usize, y: usize, last: usize) -> (usize, usize) {
         let half = last / 2;
         match self {
+            Symmetry::None => (x, y),
             Symmetry::Rotation if x > half => (last - x, last - y),
             Symmetry::Rotation => (x, y),
             Symmetry::Mirrors | Symmetry::Octants => (x.min(last - x), y.min(last - y)),
@@ -148,6 +169,7 @@ impl Symmetry {
         let pair = |x: usize, y: usize| 0.5 * (at(x, y) + at(last - x, last - y));
         let four = |x: usize, y: usize| 0.5 * (pair(x, y) + pair(last - x, y));
         GrayImage::from_fn((w, w), |x, y| match self {
+            Symmetry::None => at(x, y),
             Symmetry::Rotation => pair(x, y),
             Symmetry::Mirrors => four(x, y),
             Symmetry::Octants => 0.5 * (four(x, y) + four(y, x)),
@@ -211,12 +233,11 @@ fn centered(step: &CalibrationImage, room: usize, level: f32) -> GrayImage {
     })
 }
 
-/// Noise estimate: a straight-line fit of the squared differences between each image and the image rotated by
-/// 180 degrees against their mean light, weighted by the variance of these squares from the previous
-/// estimate.
-fn noise(stack: &[GrayImage]) -> PixelNoise {
-    /// Number of estimates; the first assumes equal variances.
-    const ESTIMATES: usize = 4;
+/// Light of a pixel, and the square of a difference whose mean is the variance of the noise there.
+type Differences = Vec<Vec<[f64; 2]>>;
+
+/// Differences between each image and the image rotated by 180 degrees.
+fn rotated(stack: &[GrayImage]) -> Differences {
     // Of a pair of pixels, the sum and the difference are independent.
     let pairs = |image: &GrayImage| -> Vec<[f64; 2]> {
         let smooth = image.smoothed(1.0).counts;
@@ -228,7 +249,53 @@ fn noise(stack: &[GrayImage]) -> PixelNoise {
         };
         (0..n / 2).map(pair).collect()
     };
-    let pairs: Vec<Vec<[f64; 2]>> = stack.par_iter().map(pairs).collect();
+    stack.par_iter().map(pairs).collect()
+}
+
+/// Differences between each image and the mean of those at the depths before and after; where images change
+/// fast, at the focus, they are more than noise.
+fn over_depth(stack: &[GrayImage]) -> Differences {
+    let pixels = |three: &[GrayImage]| -> Vec<[f64; 2]> {
+        let [before, image, after] = three else { return Vec::new() };
+        let smooth = image.smoothed(1.0).counts;
+        let pixel = |i: usize| {
+            let difference = image.counts[i] - 0.5 * (before.counts[i] + after.counts[i]);
+            [f64::from(smooth[i]), f64::from(difference.powi(2)) / 1.5]
+        };
+        (0..image.counts.len()).map(pixel).collect()
+    };
+    stack.par_windows(3).map(pixels).collect()
+}
+
+/// Whether images are not the same after a rotation by 180 degrees: at most depths, their squared differences
+/// exceed those over depth, which are noise and more, by a share of the squared light.
+fn is_lopsided(stack: &[GrayImage]) -> bool {
+    /// By this factor, and by this share.
+    const MORE: f64 = 1.5;
+    const OF_LIGHT: f64 = 2e-3;
+    let sums = |of: Differences| -> Vec<f64> {
+        of.iter().map(|image| image.iter().map(|pixel| pixel[1]).sum::<f64>() / image.len() as f64).collect()
+    };
+    if stack.len() < 3 {
+        return false;
+    }
+    let (turned, noise) = (sums(rotated(stack)), sums(over_depth(stack)));
+    let inner = &stack[1..stack.len() - 1];
+    let light = inner.iter().map(|image| {
+        image.counts.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>() / image.counts.len() as f64
+    });
+    let lopsided =
+        turned[1..].iter().zip(&noise).zip(light).filter(|((turned, noise), light)| {
+            **turned > MORE * **noise && *turned - *noise > OF_LIGHT * light
+        });
+    2 * lopsided.count() > inner.len()
+}
+
+/// Noise estimate: a straight-line fit of squared differences against the light, weighted by the variance of
+/// these squares from the previous estimate.
+fn noise(pairs: &Differences) -> PixelNoise {
+    /// Number of estimates; the first assumes equal variances.
+    const ESTIMATES: usize = 4;
     let mut noise = PixelNoise { dark: 1.0, gain: 0.0 };
     for _ in 0..ESTIMATES {
         // Sums of weights, of light, squared light, squares, and light times squares.
@@ -280,7 +347,7 @@ mod tests {
                 (light + truth.variance(light).sqrt() * normal((k * side + y) * side + x)).round()
             }));
         }
-        let found = noise(&stack);
+        let found = noise(&rotated(&stack));
         assert!((found.dark / truth.dark - 1.0).abs() < 0.01, "{found:?}");
         assert!((found.gain / truth.gain - 1.0).abs() < 0.3, "{found:?}");
     }

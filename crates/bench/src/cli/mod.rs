@@ -12,6 +12,7 @@ mod export;
 mod fit;
 mod flows;
 mod generate;
+mod import;
 mod new;
 mod optics;
 mod output;
@@ -97,6 +98,7 @@ enum Verb {
     Export(export::Export),
     Release(release::Release),
     Fit(fit::Fit),
+    Import(import::Import),
     Flows(flows::Flows),
     New(new::New),
     Optics(optics::Optics),
@@ -121,6 +123,7 @@ impl Verb {
             Verb::Export(verb) => verb.run(common),
             Verb::Release(verb) => verb.run(common),
             Verb::Fit(verb) => verb.run(common),
+            Verb::Import(verb) => verb.run(common),
             Verb::Flows(verb) => verb.run(common),
             Verb::New(verb) => verb.run(common),
             Verb::Optics(verb) => verb.run(common),

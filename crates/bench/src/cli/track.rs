@@ -83,8 +83,9 @@ impl Track {
         warn(&tracked.warnings, common);
         let each =
             tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} s of CPU time per frame)"));
+        let notes: String = tracked.notes.iter().map(|note| format!(", {note}")).collect();
         let text = format!(
-            "{} rows from {} frames in {:.2} s{each}, in {}; score it with `microsig evaluate {} {}`",
+            "{} rows from {} frames in {:.2} s{each}{notes}, in {}; score it with `microsig evaluate {} {}`",
             tracked.rows,
             tracked.frames,
             tracked.seconds,

@@ -56,8 +56,8 @@ pub(super) fn package(
 
     let fingerprints = package.fingerprints()?;
     let whole = Manifest::read(test)?;
-    let calibration_d_um = Manifest::read(train)?.microsig.calibration_d_um;
-    let tables = [calibration::table(&calibration_d_um)];
+    let manifest::Facts { calibration_d_um, calibration_places, .. } = Manifest::read(train)?.microsig;
+    let tables = [calibration::table(&calibration_d_um, !calibration_places.is_empty())];
     let mut resources: Vec<Resource> = fingerprints
         .iter()
         .map(|(path, fingerprint)| manifest::resource(path, fingerprint, &tables))
@@ -74,7 +74,11 @@ pub(super) fn package(
         description: "Images whose truth is withheld; README.md explains how to submit results.".to_owned(),
         version: whole.version.clone(),
         licenses: whole.licenses.clone(),
-        microsig: manifest::Facts { calibration_d_um, ..public_facts(whole.microsig, &images, about) },
+        microsig: manifest::Facts {
+            calibration_d_um,
+            calibration_places,
+            ..public_facts(whole.microsig, &images, about)
+        },
         resources,
     };
     let manifest = serde_json::to_string_pretty(&manifest).map_err(|e| Error::input(e.to_string()))?;

@@ -244,7 +244,7 @@ fn curves_csv(scores: &[(Entry, Score)]) -> Result<Vec<u8>> {
 /// A column of the leaderboard.
 type Column = fn(&Entry) -> Option<f64>;
 
-const COLUMNS: [(&str, Column); 20] = [
+const COLUMNS: [(&str, Column); 24] = [
     ("F1", |e| e.f1),
     ("valid nodes", |e| e.valid_nodes),
     ("95 % from", |e| e.low),
@@ -265,6 +265,10 @@ const COLUMNS: [(&str, Column); 20] = [
     ("beta", |e| e.beta),
     ("JSC", |e| e.jsc),
     ("JSC_theta", |e| e.jsc_theta),
+    ("68 % of z within, um", |e| e.p68_z_um),
+    ("points near their plane", |e| e.share_within),
+    ("RMS z, um", |e| e.rmse_z_um),
+    ("bias z, um", |e| e.bias_z_um),
 ];
 
 /// A plot of several series; `None` if no series has points.

@@ -9,6 +9,9 @@ use scoring::evaluate::field::{ComparedVector, FieldErrors, SpectralPoint, Spect
 use scoring::evaluate::statistics::quantile;
 use storage::error::Result;
 
+/// Caption of the map of errors.
+const FIELD_MAP: &str = "RMS error in the image plane over the sensor; cells without particles are empty.";
+
 /// All plots of a scored field. `with_true_positions`: including the map of true and measured vectors.
 pub(super) fn plots(evaluation: &Evaluation, with_true_positions: bool) -> Result<Vec<Markup>> {
     let Some(score) = &evaluation.score.field else { return Ok(Vec::new()) };
@@ -27,7 +30,7 @@ pub(super) fn plots(evaluation: &Evaluation, with_true_positions: bool) -> Resul
         valid.iter().filter(|c| c.endpoint() < main.outlier_threshold_px).collect();
     let errors = inliers.iter().map(|c| ((c.measured.at.x_px, c.measured.at.y_px), c.endpoint()));
     if with_true_positions {
-        plots.extend(error_map(size, errors)?);
+        plots.extend(error_map(size, errors, ("px", FIELD_MAP))?);
         for (k, x) in ["error in u of inliers, px", "error in v of inliers, px"].into_iter().enumerate() {
             plots.extend(histogram(x, "vectors", inliers.iter().map(|c| c.error()[k]))?);
         }

@@ -90,10 +90,12 @@ pub(super) fn histogram(x: &str, y: &str, errors: impl Iterator<Item = f64>) -> 
     Ok(Some(figure(svg, &format!("Distribution of the {x} (central 99 %)."))))
 }
 
-/// Map of the RMS error over the sensor; `errors` holds positions (px) and magnitudes. `None` without errors.
+/// Map of the RMS error over the sensor; `errors` holds positions (px) and magnitudes in a unit. `None`
+/// without errors.
 pub(super) fn error_map(
     (width, height): (f64, f64),
     errors: impl Iterator<Item = ((f64, f64), f64)>,
+    (unit, caption): (&str, &str),
 ) -> Result<Option<Markup>> {
     const COLUMNS: usize = 12;
     let side = width / COLUMNS as f64;
@@ -117,6 +119,6 @@ pub(super) fn error_map(
     });
     let shaded: Vec<Cell> = shaded.collect();
     let labels = AxisLabels { x: "x, px", y: "y, px", title: "Error over the sensor" };
-    let svg = sensor_map(&labels, (width, height), &shaded, most, "RMS, px")?;
-    Ok(Some(figure(svg, "RMS error in the image plane over the sensor; cells without particles are empty.")))
+    let svg = sensor_map(&labels, (width, height), &shaded, most, &format!("RMS, {unit}"))?;
+    Ok(Some(figure(svg, caption)))
 }

@@ -71,6 +71,14 @@ pub struct Entry {
     pub bias_y_px: Option<f64>,
     /// Frames or image pairs that the result leaves out: counts.frames_missing, or field.n_pairs_missing
     pub missing: usize,
+    /// planes.share_within
+    pub share_within: Option<f64>,
+    /// planes.rmse_z_um
+    pub rmse_z_um: Option<f64>,
+    /// planes.bias_z_um
+    pub bias_z_um: Option<f64>,
+    /// planes.p68_z_um
+    pub p68_z_um: Option<f64>,
     /// Whether the bias in the image plane exceeds 0.25 px (particles only).
     pub biased: bool,
     /// Parameter values of the sweep.
@@ -98,6 +106,9 @@ pub enum ResultKind {
     /// A displacement field.
     #[serde(rename = "field")]
     Field,
+    /// Depths in recordings, of which planes are known and positions are not.
+    #[serde(rename = "planes")]
+    Planes,
 }
 
 impl ResultKind {
@@ -107,6 +118,7 @@ impl ResultKind {
             ResultKind::Particles3D => "Particles in three dimensions",
             ResultKind::Particles2D => "Particles in the image plane",
             ResultKind::Field => "Fields",
+            ResultKind::Planes => "Depths in planes of known height",
         }
     }
 }
@@ -127,7 +139,12 @@ impl Entry {
         }
         match &score.field {
             Some(field) if score.detection.is_none() => entry.of_field(field),
+            None if score.detection.is_none() && score.planes.is_some() => entry.kind = ResultKind::Planes,
             _ => entry.of_particles(score),
+        }
+        if let Some(planes) = &score.planes {
+            (entry.share_within, entry.p68_z_um) = (planes.share_within, planes.p68_z_um);
+            (entry.rmse_z_um, entry.bias_z_um) = (planes.rmse_z_um, planes.bias_z_um);
         }
         let bias = entry.bias_x_px.zip(entry.bias_y_px).map(|(x, y)| x.hypot(y));
         entry.biased = entry.kind != ResultKind::Field && bias.is_some_and(|bias| bias > BIAS_PX);
@@ -248,6 +265,7 @@ pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
 /// Indices of scores of one kind and case in order, each with its rank.
 fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
     let criteria: &[Metric] = match same[0].0.kind {
+        ResultKind::Planes => return by_depth(same),
         ResultKind::Particles3D | ResultKind::Particles2D => {
             &[Metric::F1, Metric::RmseXyPx, Metric::SigmaZOverH, Metric::LinkF1, Metric::Hota]
         }
@@ -260,6 +278,16 @@ fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
     let contestants: Vec<Contestant<'_>> =
         same.iter().map(|(entry, score)| Contestant { score, units: entry.units.as_deref() }).collect();
     rank(&contestants, criteria, 0)
+}
+
+/// Recordings whose planes are known: by the distance from the plane that 68 % of all points keep, which
+/// points on the wrong side of the focus increase.
+fn by_depth(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
+    let of = |i: &usize| same[*i].0.p68_z_um.unwrap_or(f64::INFINITY);
+    let mut order: Vec<usize> = (0..same.len()).collect();
+    order.sort_by(|a, b| of(a).total_cmp(&of(b)));
+    let rank = |i: &usize| 1 + order.iter().filter(|other| of(other) < of(i)).count();
+    order.iter().map(|i| (*i, rank(i))).collect()
 }
 
 /// Warning about a bias that does not affect the rank of an entry.
@@ -341,6 +369,24 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
             )
         }));
     }
+    let planes = of(ResultKind::Planes);
+    if !planes.is_empty() {
+        lines.push(format!(
+            "{:<4} {:<15} {:>11} {:>9} {:>9} {:>9}  (ranked by 68 %)",
+            "rank", "name", "68 % z um", "in gate", "RMS z um", "bias z"
+        ));
+    }
+    lines.extend(planes.iter().map(|e| {
+        format!(
+            "{:<4} {:<15} {:>11} {:>9} {:>9} {:>9}",
+            rank(e),
+            name(e),
+            short(e.p68_z_um),
+            short(e.share_within),
+            short(e.rmse_z_um),
+            short(e.bias_z_um)
+        )
+    }));
     lines.push(
         "=: not separated by the paired comparison of F1, errors, links, HOTA (fields: valid nodes, RMS at nodes).".to_owned(),
     );

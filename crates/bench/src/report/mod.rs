@@ -10,6 +10,7 @@ mod leaderboard;
 mod log_axis;
 mod page;
 mod particle_plots;
+mod plane_plots;
 mod plots;
 mod score_file;
 mod sweep_plots;
@@ -79,6 +80,10 @@ pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> 
     if !evaluation.vectors.is_empty() {
         files::rows(&folder.join("vectors.csv"), files::vectors(evaluation))?;
         names.push("vectors.csv");
+    }
+    if !evaluation.plane_points.is_empty() {
+        files::rows(&folder.join("planes.csv"), evaluation.plane_points.iter())?;
+        names.push("planes.csv");
     }
     if html {
         save_bytes(&folder.join(REPORT), page::page(evaluation, true)?.as_bytes())?;

@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::table::{number, signed, table};
-use super::{field_plots, particle_plots};
+use super::{field_plots, particle_plots, plane_plots};
 use scoring::evaluate::{Evaluation, Score};
 use storage::error::Result;
 
@@ -72,10 +72,12 @@ pub(super) fn page(evaluation: &Evaluation, with_true_positions: bool) -> Result
     if !evaluation.vectors.is_empty() {
         plots.extend(field_plots::plots(evaluation, with_true_positions)?);
     }
+    plots.extend(plane_plots::plots(score, &evaluation.plane_points, evaluation.sensor_px)?);
     let body = html! {
         h1 { (score.result) " against " (score.dataset) }
         p.soft { (summary(score)) }
         @for warning in &score.warnings { p.warning { (warning) } }
+        @for what in &score.unknown { p.warning { "Not known: " (what) } }
         div.key { @for (name, value) in key_numbers(score) { div { (name) b { (value) } } } }
         @if !plots.is_empty() { h2 { "Strengths and weaknesses of the result" } div.plots { @for plot in &plots { (plot) } } }
         h2 { "All scores" }
@@ -105,7 +107,9 @@ fn summary(score: &Score) -> String {
         (None, Some(f)) => {
             format!("{} of {} vectors valid, against the {} field", f.n_reported, f.n_total, f.against)
         }
-        (None, None) => String::new(),
+        (None, None) => score.planes.as_ref().map_or_else(String::new, |planes| {
+            format!("{} points in {} frames whose plane is known", planes.n, planes.frames)
+        }),
     }
 }
 
@@ -118,6 +122,11 @@ fn key_numbers(score: &Score) -> Vec<(&'static str, String)> {
         numbers.push(("precision", n(d.precision)));
         numbers.push(("RMSE xy, px", n(d.rmse_xy_px)));
         numbers.push(("bias x, y, px", format!("{}, {}", signed(d.bias_x_px), signed(d.bias_y_px))));
+    }
+    if let Some(p) = &score.planes {
+        numbers.push(("points near their plane", n(p.share_within)));
+        numbers.push(("RMSE z, um", n(p.rmse_z_um)));
+        numbers.push(("bias z, um", signed(p.bias_z_um)));
     }
     numbers.extend(score.gdpt.as_ref().map(|g| ("sigma z / h", n(g.sigma_z_over_h))));
     numbers.extend(score.links.as_ref().map(|l| ("link F1", n(l.f1))));

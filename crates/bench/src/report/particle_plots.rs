@@ -217,7 +217,8 @@ fn error_over_sensor(of: &Particles) -> Result<Option<Markup>> {
         let ([dx, dy, _], at) = (error(t, r, pair), &t.points[pair.0].at);
         ((at.x_px, at.y_px), (dx * dx + dy * dy).sqrt())
     });
-    error_map(size_px(of), errors)
+    let caption = "RMS error in the image plane over the sensor; cells without particles are empty.";
+    error_map(size_px(of), errors, ("px", caption))
 }
 
 /// Maps of the first frame and of those with the most and the fewest misses and ghosts.

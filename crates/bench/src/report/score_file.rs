@@ -67,8 +67,10 @@ pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
             "definitions.versions.microsig is missing: not a score file of microsig evaluate".to_owned(),
         ]);
     }
-    if score.detection.is_none() && score.field.is_none() {
-        return Err(vec!["neither detection nor field: not a score file of microsig evaluate".to_owned()]);
+    if score.detection.is_none() && score.field.is_none() && score.planes.is_none() {
+        return Err(vec![
+            "neither detection nor field nor planes: not a score file of microsig evaluate".to_owned(),
+        ]);
     }
     let problems = beyond_ranges(&value);
     if !problems.is_empty() {

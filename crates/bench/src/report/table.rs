@@ -58,7 +58,9 @@ pub fn table(score: &Score) -> String {
     let is_hint = |warning: &&String| score.hints.iter().any(|hint| hint.what == **warning);
     score.warnings.iter().filter(|w| !is_hint(w)).for_each(|w| line(out, "WARNING", w));
     score.assumptions.iter().for_each(|a| line(out, "read as", a));
+    score.unknown.iter().for_each(|what| line(out, "not known", what));
     particles(out, score);
+    planes(out, score);
     if let Some(field) = &score.field {
         let counts = format!(
             "{} of {} vectors valid, {} interpolated, {} outside the true field",
@@ -78,6 +80,42 @@ pub fn table(score: &Score) -> String {
         line(out, "offset", &fits);
     }
     text
+}
+
+/// Errors of depth against planes of known height.
+fn planes(out: &mut String, score: &Score) {
+    let Some(p) = &score.planes else { return };
+    let n = number;
+    let scored = format!("{} points in {} frames whose plane is known", p.n, p.frames);
+    line(out, "planes", &scored);
+    let within =
+        format!("{} of them within {} um of their plane ({})", p.n_within, p.gate_z_um, n(p.share_within));
+    line(out, "", &within);
+    let errors =
+        format!("bias {}  random {}  RMS {} um", signed(p.bias_z_um), n(p.random_z_um), n(p.rmse_z_um));
+    line(out, "z of those", &errors);
+    let all = format!(
+        "50 % within {}  68 % within {}  95 % within {} um",
+        n(p.p50_z_um),
+        n(p.p68_z_um),
+        n(p.p95_z_um)
+    );
+    line(out, "z of all", &all);
+    let ends = |bins: &[scoring::evaluate::planes::PlaneBin]| {
+        let most = |a: f64, b: &scoring::evaluate::planes::PlaneBin| {
+            b.bias_z_um.filter(|v| v.abs() > a.abs()).unwrap_or(a)
+        };
+        bins.iter().filter(|bin| bin.n > 0).fold(0.0, most)
+    };
+    line(
+        out,
+        "",
+        &format!(
+            "largest bias {:+.3} um over height, {:+.3} um over radius",
+            ends(&p.over_height),
+            ends(&p.over_radius)
+        ),
+    );
 }
 
 fn particles(out: &mut String, score: &Score) {

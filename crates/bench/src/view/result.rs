@@ -16,6 +16,7 @@ use scoring::evaluate::field::ComparedVector;
 use scoring::evaluate::gate::Gate;
 use scoring::evaluate::links::{correct_links, successors};
 use scoring::evaluate::matching::NONE;
+use scoring::evaluate::planes::PlanePoint;
 use scoring::evaluate::track_set::TrackSet;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate_files};
@@ -100,7 +101,7 @@ impl OpenResult {
                 let truth = TrueParticles::read(dataset, &Conventions::default())?;
                 (points(&evaluation, particles, &truth)?, Vec::new())
             }
-            None => (Vec::new(), vectors(&evaluation)),
+            None => (in_planes(&evaluation), vectors(&evaluation)),
         };
         let frames = points.last().map_or(0, |point| point.frame + 1);
         Ok(OpenResult { score, points, frames, vectors })
@@ -160,6 +161,31 @@ impl OpenResult {
         let column = |k: usize| list(of.iter().map(|v| v[k]));
         Value::Object(names.iter().enumerate().map(|(k, name)| ((*name).to_owned(), column(k))).collect())
     }
+}
+
+/// The points of a recording whose planes are known: found within the gate in depth, ghosts beyond it.
+fn in_planes(evaluation: &Evaluation) -> Vec<Point> {
+    let gate_um = evaluation.score.planes.as_ref().map_or(0.0, |planes| planes.gate_z_um);
+    let point = |of: &PlanePoint| {
+        let is_found = of.error_um.abs() < gate_um;
+        let z_um = if is_found { of.height_um } else { of.height_um + of.error_um };
+        Point {
+            frame: of.frame,
+            kind: if is_found { PointOutcome::Found } else { PointOutcome::Ghost },
+            truth_row: NONE,
+            result_row: NONE,
+            at: [of.x_px, of.y_px, z_um],
+            error: if is_found { [0.0, 0.0, of.error_um] } else { [f64::NAN; 3] },
+            snr: f64::NAN,
+            overlap: f64::NAN,
+            track: NONE,
+            from: None,
+            is_switch: false,
+        }
+    };
+    let mut points: Vec<Point> = evaluation.plane_points.iter().map(point).collect();
+    points.sort_by_key(|point| point.frame);
+    points
 }
 
 impl Filter {

@@ -5,6 +5,7 @@
 //! that manifests of earlier versions and of test splits, which have fewer keys, can be read.
 
 mod instead;
+mod recorded;
 mod resource;
 mod seal;
 
@@ -20,6 +21,7 @@ use microsig_core::sensor::ImageFormat;
 use storage::error::{Error, Result};
 use storage::read_text;
 
+pub use recorded::{KnownFacts, NoiseFacts, PlaceFacts, RECORDING};
 pub use resource::{Resource, SchemaField, TableSchema, resource};
 pub use seal::seal;
 
@@ -175,6 +177,18 @@ pub struct Facts {
     /// field.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scored: Option<Vec<String>>,
+    /// [`RECORDING`] if the images were recorded instead of generated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kind: Option<String>,
+    /// What is known of the particles of a recording.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub known: Option<KnownFacts>,
+    /// Noise of the images of a recording.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise: Option<NoiseFacts>,
+    /// Places of the calibration stacks in the field of view, if there are several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub calibration_places: Vec<PlaceFacts>,
     /// Digest of all images of a test split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub images_sha256: Option<String>,
@@ -234,11 +248,12 @@ pub struct SensorFacts {
     pub height_px: u32,
     /// Bit depth of the images.
     pub bit_depth: u8,
-    /// MicroSIG's gain, counts per ray.
+    /// MicroSIG's gain, counts per ray; NaN and left out for recordings without a model of their optics.
+    #[serde(skip_serializing_if = "is_unknown")]
     pub gain: f64,
-    /// Mean background of MicroSIG's own sensor, counts.
+    /// Mean background of MicroSIG's own sensor or of a recording, counts.
     pub background_mean_counts: f64,
-    /// Background noise of MicroSIG's own sensor, counts.
+    /// Background noise of MicroSIG's own sensor or of a recording, counts.
     pub background_noise_counts: f64,
     /// What the pixels of images hold, unless it is whole counts.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -308,6 +323,11 @@ pub struct WaveFacts {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_unknown(value: &f64) -> bool {
+    value.is_nan()
 }
 
 impl WaveFacts {

@@ -2,33 +2,49 @@
 //!
 //! The particle is on the central pixel of a sensor just large enough for the largest image. Settings and
 //! noise are those of the dataset, random streams are separate. Depths start at the lower end of the depth
-//! range and reach its upper end; they are the same for all sizes.
+//! range and reach its upper end; they are the same for all sizes. Stacks at several places of the field of
+//! view are parts of the dataset's sensor: the renderer draws the particle at its place in the frame.
 
 use std::path::Path;
 
-use dataset::rows::SIZES;
+use dataset::manifest::PlaceFacts;
+use dataset::rows::{PLACES, SIZES};
 use dataset::{CalibrationRow, Row, Table, write_table};
 use microsig_core::formats::{data_file, settings_file};
-use microsig_core::sensor::{Detector, Image};
+use microsig_core::sensor::{Detector, Image, Sensor};
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
 use super::Camera;
 use crate::preview::depth_of_field_um;
-use scenario::{Scenario, spec};
+use scenario::{Scenario, sensor, spec};
 use storage::error::{Error, Result};
 use storage::save;
 use storage::table_cache::context;
 use visibility::DepthScan;
 
-/// The table of stacks of particles of these diameters, um.
-pub fn table(sizes_um: &[f64]) -> Table {
-    if sizes_um.len() < 2 {
-        return CalibrationRow::table(&[]);
+/// The table of stacks of particles of these diameters (um), at several places of the field of view or not.
+pub fn table(sizes_um: &[f64], has_places: bool) -> Table {
+    let has_sizes = sizes_um.len() > 1;
+    let parts: Vec<&str> =
+        [(SIZES, has_sizes), (PLACES, has_places)].into_iter().filter(|p| p.1).map(|p| p.0).collect();
+    let table = CalibrationRow::table(&parts);
+    match (has_sizes, has_places) {
+        (false, false) => table,
+        (true, false) => table.described(
+            "One row per image of the calibration stacks: a single particle of each size, scanned through the depth range.",
+        ),
+        (_, true) => table.described(
+            "One row per image of the calibration stacks: a single particle (of each size) at each of several places of the field of \
+             view, scanned through the depth range.",
+        ),
     }
-    CalibrationRow::table(&[SIZES]).described(
-        "One row per image of the calibration stacks: a single particle of each size, scanned through the depth range.",
-    )
+}
+
+/// Places of the stacks for the manifest; none if there is one for the whole field of view.
+pub fn places(scenario: &Scenario) -> Vec<PlaceFacts> {
+    let facts = |(place, [x_px, y_px]): (u32, [f64; 2])| PlaceFacts { place, x_px, y_px, particles: None };
+    (0..).zip(scenario.calibrated_px()).map(facts).collect()
 }
 
 /// Largest default step between depths, um.
@@ -44,10 +60,7 @@ const MIN_STEPS_IN_FOCUS: f64 = 3.75;
 /// # Errors
 /// None for a resolved scenario.
 fn step_um(scenario: &Scenario, sizes_um: &[f64], scan: &DepthScan) -> Result<f64> {
-    if let Some(
-        spec::Calibration::EveryUm(step_um) | spec::Calibration::Sizes { every_um: Some(step_um), .. },
-    ) = scenario.spec.calibration
-    {
+    if let Some(step_um) = scenario.spec.calibration.as_ref().and_then(spec::Calibration::given_step_um) {
         return Ok(step_um);
     }
     let (low, high) = scenario.depth_range_um;
@@ -101,11 +114,14 @@ fn particle(scenario: &Scenario, d_um: f64, z_um: f64) -> Particle {
     }
 }
 
-/// The detector with its background image cropped to the size of the stack's sensor, about the center.
-fn cropped(detector: &Detector, whole: &Settings, part: &Settings) -> Detector {
+/// Left and top of the part of a sensor about its center, px from 0.
+fn central(whole: &Settings, part: &Settings) -> [u32; 2] {
+    [(whole.pixel_dim_x - part.pixel_dim_x) / 2, (whole.pixel_dim_y - part.pixel_dim_y) / 2]
+}
+
+/// The detector with its background image cropped to the stack's sensor, from this corner on.
+fn cropped(detector: &Detector, whole: &Settings, part: &Settings, [left, top]: [u32; 2]) -> Detector {
     let background = detector.background.as_ref().map(|counts| {
-        let (left, top) =
-            ((whole.pixel_dim_x - part.pixel_dim_x) / 2, (whole.pixel_dim_y - part.pixel_dim_y) / 2);
         let rows =
             counts.chunks(whole.pixel_dim_x as usize).skip(top as usize).take(part.pixel_dim_y as usize);
         rows.flat_map(|row| row[left as usize..(left + part.pixel_dim_x) as usize].iter().copied()).collect()
@@ -119,9 +135,21 @@ pub struct CalibrationStack {
     table: Table,
     settings: Settings,
     camera: Camera,
-    /// The particle at each depth, one size after the other.
+    /// The particle at each depth, one size after the other, and so at each place; positions are those in the
+    /// image.
     particles: Vec<Particle>,
     depths_um: Vec<f64>,
+    /// Places in the field of view, if there are several.
+    places: Vec<PlaceSensor>,
+}
+
+/// The part of the dataset's sensor around a place of the field of view.
+#[derive(Debug)]
+struct PlaceSensor {
+    place: PlaceFacts,
+    /// Its left and top, px from 0.
+    corner: [u32; 2],
+    sensor: Sensor,
 }
 
 impl CalibrationStack {
@@ -140,14 +168,74 @@ impl CalibrationStack {
             |d_um: &f64| depths_um.iter().map(|z_um| particle(scenario, *d_um, *z_um)).collect::<Vec<_>>();
         let mut particles: Vec<Particle> = sizes_um.iter().flat_map(of_size).collect();
         let settings = settings(scenario, camera, &particles);
-        let detector =
-            scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
+        if !places(scenario).is_empty() {
+            return CalibrationStack::over_field(scenario, settings, particles, depths_um).map(Some);
+        }
+        let corner = central(&scenario.settings, &settings);
+        let detector = scenario
+            .detector
+            .as_ref()
+            .map(|detector| cropped(detector, &scenario.settings, &settings, corner));
         let renderer = scenario.spec.renderer().build(&settings, &context())?;
         let camera = Camera::of_dataset(scenario, renderer, detector.as_ref())?.calibrating();
         let (x_px, y_px) = (f64::from(settings.pixel_dim_x / 2 + 1), f64::from(settings.pixel_dim_y / 2 + 1));
         particles.iter_mut().for_each(|particle| (particle.x_px, particle.y_px) = (x_px, y_px));
         camera.renderer().prepare(&[&particles]);
-        Ok(Some(CalibrationStack { table: table(&sizes_um), settings, camera, particles, depths_um }))
+        Ok(Some(CalibrationStack {
+            table: table(&sizes_um, false),
+            settings,
+            camera,
+            particles,
+            depths_um,
+            places: Vec::new(),
+        }))
+    }
+
+    /// The stacks at several places, from the particles of one of them; `settings`: those of the images.
+    fn over_field(
+        scenario: &Scenario,
+        settings: Settings,
+        one: Vec<Particle>,
+        depths_um: Vec<f64>,
+    ) -> Result<Self> {
+        let whole = &scenario.settings;
+        let (mut sensors, mut particles) = (Vec::new(), Vec::new());
+        for place in places(scenario) {
+            // Next to the edge of the sensor, the particle is not in the middle.
+            let along =
+                |px: f64, part: u32, whole: u32| (px as u32 - 1).saturating_sub(part / 2).min(whole - part);
+            let corner = [
+                along(place.x_px, settings.pixel_dim_x, whole.pixel_dim_x),
+                along(place.y_px, settings.pixel_dim_y, whole.pixel_dim_y),
+            ];
+            let detector =
+                scenario.detector.as_ref().map(|detector| cropped(detector, whole, &settings, corner));
+            let sensor =
+                sensor(&settings, detector.as_ref(), scenario.spec.image_format(), &scenario.streams)?;
+            let (x_px, y_px) = (place.x_px - f64::from(corner[0]), place.y_px - f64::from(corner[1]));
+            particles.extend(one.iter().map(|particle| Particle { x_px, y_px, ..*particle }));
+            sensors.push(PlaceSensor { place, corner, sensor });
+        }
+        let renderer = scenario.spec.renderer().build(whole, &context())?;
+        let camera = Camera::of_dataset(scenario, renderer, scenario.detector.as_ref())?.calibrating();
+        let table = table(&scenario.calibrated_um(), true);
+        let stack = CalibrationStack { table, settings, camera, particles, depths_um, places: sensors };
+        let drawn: Vec<Particle> = (0..stack.images()).map(|row| stack.in_frame(row)).collect();
+        stack.camera.renderer().prepare(&[&drawn]);
+        Ok(stack)
+    }
+
+    /// The part of the sensor that an image shows, if there are several places.
+    fn place(&self, row: usize) -> Option<&PlaceSensor> {
+        let rows = self.images() / self.places.len().max(1);
+        self.places.get(row / rows)
+    }
+
+    /// The particle of an image at its place in the frames.
+    fn in_frame(&self, row: usize) -> Particle {
+        let particle = self.particles[row];
+        let [left, top] = self.place(row).map_or([0.0; 2], |of| of.corner.map(f64::from));
+        Particle { x_px: particle.x_px + left, y_px: particle.y_px + top, ..particle }
     }
 
     /// Number of images.
@@ -157,17 +245,25 @@ impl CalibrationStack {
 
     /// Renders an image of the table.
     pub fn image(&self, row: usize) -> Image {
-        self.camera.image(&[self.particles[row]], row as u32)
+        match self.place(row) {
+            None => self.camera.image(&[self.particles[row]], row as u32),
+            Some(of) => {
+                self.camera.part(&[self.in_frame(row)], row as u32, (&of.sensor, &self.settings), of.corner)
+            }
+        }
     }
 
     /// Whether there is a stack for each of several sizes.
     fn has_sizes(&self) -> bool {
-        self.particles.len() > self.depths_um.len()
+        self.particles.len() > self.depths_um.len() * self.places.len().max(1)
     }
 
     /// Folders of the data files and images of a row below those of the calibration.
     fn folder(&self, row: usize) -> String {
-        if self.has_sizes() { format!("/d_{}um", self.particles[row].d_um) } else { String::new() }
+        let place = self.place(row).map_or_else(String::new, |of| format!("/place_{:02}", of.place.place));
+        let size =
+            if self.has_sizes() { format!("/d_{}um", self.particles[row].d_um) } else { String::new() };
+        place + &size
     }
 
     fn paths(&self, row: usize) -> [String; 2] {
@@ -188,7 +284,11 @@ impl CalibrationStack {
         let row = |(row, (z_um, p)): (usize, (&f64, &Particle))| {
             let [image, particles] = self.paths(row);
             let step = (row % self.depths_um.len()) as u32;
-            CalibrationRow { step, z_um: *z_um, x_px: p.x_px, y_px: p.y_px, image, particles, d_um: p.d_um }
+            let at =
+                CalibrationRow { step, z_um: *z_um, x_px: p.x_px, y_px: p.y_px, ..CalibrationRow::default() };
+            let PlaceFacts { place, x_px: place_x_px, y_px: place_y_px, .. } =
+                self.place(row).map(|of| of.place).unwrap_or_default();
+            CalibrationRow { image, particles, d_um: p.d_um, place, place_x_px, place_y_px, ..at }
         };
         self.depths_um.iter().cycle().zip(&self.particles).enumerate().map(row).collect()
     }

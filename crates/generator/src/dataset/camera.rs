@@ -3,12 +3,12 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use microsig_core::Particle;
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::pool::{BufferPool, Pooled};
 use microsig_core::render::{ImageStreams, Renderer};
-use microsig_core::sensor::{Detector, Image, Sensor};
+use microsig_core::sensor::{Detector, Image, Light, Sensor};
 use microsig_core::stream::{Purpose, Streams};
+use microsig_core::{Particle, Settings};
 
 use scenario::{Scenario, sensor};
 use storage::error::Result;
@@ -70,6 +70,25 @@ impl Camera {
     pub fn image(&self, particles: &[Particle], frame: u32) -> Image {
         let random = ImageStreams { streams: &self.streams, rays: self.rays, noise: self.noise, frame };
         self.renderer.image(particles, &self.sensor, random)
+    }
+
+    /// The part of one frame that a sensor of this size at this corner (left and top, px from 0) sees;
+    /// particles are at their places in the whole frame, on which the optics may depend.
+    pub fn part(
+        &self,
+        particles: &[Particle],
+        frame: u32,
+        (sensor, size): (&Sensor, &Settings),
+        [left, top]: [u32; 2],
+    ) -> Image {
+        let whole = self.renderer.light(particles, &self.streams, self.rays, frame);
+        let mut part = Light::dark(size);
+        let (from, width) = (left as usize, part.width as usize);
+        let rows = whole.values.chunks(whole.width as usize).skip(top as usize);
+        for (own, row) in part.values.chunks_mut(width).zip(rows) {
+            own.copy_from_slice(&row[from..from + width]);
+        }
+        sensor.expose(&part, &self.streams, self.noise, frame)
     }
 
     /// Writes an image as TIFF with its scale; returns the file's bytes.

@@ -94,7 +94,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         calibration = match scenario.calibrated_um().as_slice() {
             [] | [_] => "one particle scanned through the depth range".to_owned(),
             sizes => format!("particles of {} um, each scanned through the depth range", joined(sizes)),
-        },
+        } + &at_places(scenario),
         license = spec.license,
         light = waves(scenario, image).map_or_else(String::new, |waves| light(&waves)),
         moved = motion_note(scenario),
@@ -124,6 +124,14 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         noise = thousandths(image.background_noise_counts),
         seed = scenario.streams.seed().map_or_else(|| "none: secret key".to_owned(), |seed| seed.to_string()),
     ))
+}
+
+/// The number of places of the calibration stacks, if there are several.
+fn at_places(scenario: &Scenario) -> String {
+    match scenario.calibrated_px().len() {
+        0 => String::new(),
+        n => format!(", at {n} places of the field of view"),
+    }
 }
 
 /// The density per pixel of that share of the image where particles can be, if it is not all of it.

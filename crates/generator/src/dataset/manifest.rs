@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
-use super::{IMAGES, Ledger, Stem};
+use super::{IMAGES, Ledger, Stem, calibration};
 use crate::preview::{Preview, SizeCurves};
 use dataset::Table;
 use dataset::manifest::{
@@ -156,6 +156,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
             n_rays: settings.n_rays,
         }),
         particle_image: Some(ParticleImageFacts { d_um: image.d_um, focus_um: image.focus_um }),
+        calibration_places: calibration::places(scenario),
         calibration_d_um: Some(scenario.calibrated_um()).filter(|sizes| sizes.len() > 1).unwrap_or_default(),
         motion: Some(motion(scenario)),
         truth_grid: Some(truth_grid(scenario)),
@@ -167,6 +168,11 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
 
 /// Light and objective for wave optics; `None` for other renderers.
 pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFacts> {
+    wave_facts(scenario, image.drawn_share)
+}
+
+/// The same with the least and greatest share of the light that images show.
+pub fn wave_facts(scenario: &Scenario, drawn_share: Option<[f64; 2]>) -> Option<WaveFacts> {
     let renderer = scenario.spec.renderer();
     let (optics, tolerance) = (renderer.wave_optics()?, renderer.tolerance()?);
     let written = &scenario.spec.optics;
@@ -183,7 +189,7 @@ pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFa
         blur_um: optics.blur_um,
         field: written.field,
         tolerance,
-        drawn_share: image.drawn_share,
+        drawn_share,
     })
 }
 

@@ -31,7 +31,10 @@ use scenario::{Recordings, Scenario};
 /// The tables that a dataset of this scenario can hold.
 pub fn tables(scenario: &Scenario) -> Vec<Table> {
     let fixed = [FrameRow::table(&[]), DisplacementRow::table(&[]), DepthRow::table(&[]), BoxRow::table(&[])];
-    let own = [calibration::table(&scenario.calibrated_um()), truth::tracks(scenario)];
+    let own = [
+        calibration::table(&scenario.calibrated_um(), !scenario.calibrated_px().is_empty()),
+        truth::tracks(scenario),
+    ];
     let grid = scenario.truth_grid().map(|nodes| truth::field::table(&nodes));
     fixed.into_iter().chain(own).chain(grid).collect()
 }

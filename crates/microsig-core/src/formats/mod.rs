@@ -3,6 +3,7 @@
 
 pub mod data_file;
 pub mod number;
+pub mod pages;
 pub mod settings_file;
 mod text_line;
 pub mod tiff;

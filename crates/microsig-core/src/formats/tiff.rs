@@ -114,6 +114,15 @@ fn malformed(name: &str, message: String) -> Error {
     Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
 }
 
+/// Width and height of the first image of a file, px.
+///
+/// # Errors
+/// [`Error::Malformed`] if the input is not a TIFF image.
+pub fn size(reader: impl BufRead + Seek, name: &str) -> Result<(u32, u32), Error> {
+    let damaged = |e: TiffError| malformed(name, told(&e));
+    Decoder::new(reader).map_err(damaged)?.dimensions().map_err(damaged)
+}
+
 /// Reads the only gray image of a file, of the given size (width, height in px) and of 8 or 16 bit or of
 /// finite 32-bit floating-point numbers, as counts, row by row; `name` is the name of the input in errors.
 ///

@@ -28,7 +28,9 @@ pub mod motion;
 pub mod neighbors;
 mod options;
 pub mod orientation;
+pub mod planes;
 mod read;
+mod recorded;
 mod score;
 pub mod score_keys;
 pub mod statistics;
@@ -60,7 +62,7 @@ use units::Divided;
 pub use units::UnitScores;
 
 /// A score together with the points or vectors it was computed from, for tables and reports.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Evaluation {
     /// The scores.
     pub score: Score,
@@ -68,6 +70,10 @@ pub struct Evaluation {
     pub particles: Option<Particles>,
     /// Vectors with their true displacements, if the result holds a field.
     pub vectors: Vec<field::ComparedVector>,
+    /// Points in frames whose plane is known (recordings).
+    pub plane_points: Vec<planes::PlanePoint>,
+    /// Width and height of the images with these points, px.
+    pub sensor_px: Option<(f64, f64)>,
     /// What a paired comparison with other results needs.
     pub units: UnitScores,
 }
@@ -103,6 +109,11 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
     }
     let lacks = |what: &str| Error::input(format!("{}: no truth of {what}", truth.facts.name));
     let mut evaluation = match result {
+        TrackerResult::Points(points) if truth.facts.is_recording => {
+            let mut evaluation = recorded::evaluate(truth, points, options)?;
+            evaluation.score.warnings.extend(truth.warnings.iter().cloned());
+            evaluation
+        }
         TrackerResult::Points(points) => {
             let of = truth.particles.as_ref().ok_or_else(|| lacks("particles"))?;
             let mut evaluation = particles(of, points, options)?;
@@ -163,7 +174,7 @@ fn vectors(
         counts: Counts { n_nan: found.n_nan, ..Counts::default() },
         ..Score::default()
     };
-    Evaluation { score, particles: None, vectors, units }
+    Evaluation { score, vectors, units, ..Evaluation::default() }
 }
 
 /// The part of the definitions that comes from the dataset.
@@ -281,7 +292,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         depth,
         scored,
     };
-    Ok(Evaluation { score, particles: Some(particles), vectors: Vec::new(), units })
+    Ok(Evaluation { score, particles: Some(particles), units, ..Evaluation::default() })
 }
 
 /// Caveats for reading the scores.

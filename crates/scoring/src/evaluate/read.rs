@@ -9,7 +9,7 @@ use super::measurement::{self, TableSize};
 use super::truth::{self, TrueParticles};
 use super::{EvaluateOptions, Evaluation, Score, evaluate};
 use crate::results::{Conventions, Limits, Source, TrackerResult};
-use dataset::{BoxRow, FieldRow, RecordingFacts, Row, TrackRow};
+use dataset::{BoxRow, FieldRow, PlaneRow, RecordingFacts, Row, TrackRow};
 use generator::runner::MemoryDataset;
 use scenario::Scenario;
 use storage::advice;
@@ -23,6 +23,8 @@ pub struct Truth {
     pub facts: RecordingFacts,
     /// The true particles.
     pub particles: Option<TrueParticles>,
+    /// Heights of the planes of frames, of a recording.
+    pub planes: Option<Vec<PlaneRow>>,
     /// The true boxes.
     pub boxes: Option<Vec<BoxRow>>,
     /// The true displacement fields.
@@ -55,6 +57,14 @@ impl Truth {
             let limits = measurement::limits(path, &facts)?;
             truth.fields = Some(true_field::of_recording(path, facts.clone(), options.plane_um)?);
             return Ok((Truth { facts, ..truth }, limits));
+        }
+        if facts.is_recording {
+            if path.join(PlaneRow::PATH).exists() {
+                truth.planes = Some(dataset::read_rows(path, &["frame", "z_um"])?);
+            }
+            if !path.join(TrackRow::PATH).exists() {
+                return Ok((Truth { facts, ..truth }, Limits::default()));
+            }
         }
         let (particles, size) = TrueParticles::of_dataset(path, facts.clone())?;
         if particles.facts.sha256 != facts.sha256 {

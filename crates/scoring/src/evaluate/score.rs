@@ -12,6 +12,7 @@ use super::hint::Hint;
 use super::uncertainty::Uncertainty;
 use super::{
     boxes, clear, crlb, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt, orientation,
+    planes,
 };
 
 /// All scores of a result.
@@ -48,6 +49,8 @@ pub struct Score {
     pub lpt: Option<lpt::Lpt>,
     /// Boxes of a detector; null without boxes in result and truth.
     pub boxes: Option<boxes::BoxScore>,
+    /// Errors of z where all particles of a frame are in a plane of known height (recordings).
+    pub planes: Option<planes::PlaneScore>,
     /// Orientation of spheroids; null without axes in the truth.
     pub orientation: Option<orientation::Orientation>,
     /// Displacement field (PIV); null for particles.
@@ -67,6 +70,8 @@ pub struct Score {
     /// Probable mistakes of convention: interpretations of the file under which the result would score
     /// better.
     pub hints: Vec<Hint>,
+    /// What cannot be scored, because only a part of the truth is known (recordings).
+    pub unknown: Vec<String>,
     /// Caveats for reading the scores.
     pub warnings: Vec<String>,
     /// Whether the truth is withheld; the folder `for_team` then contains the scores that participants may

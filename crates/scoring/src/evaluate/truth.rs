@@ -339,7 +339,8 @@ fn property(name: &str, value: f64) -> std::result::Result<f64, String> {
 
 /// Times of frames, s.
 fn times(frames: &[FrameRow]) -> BTreeMap<u32, f64> {
-    frames.iter().map(|row| (row.frame, row.t_s)).collect()
+    // Times of recordings may be unknown.
+    frames.iter().filter(|row| row.t_s.is_finite()).map(|row| (row.frame, row.t_s)).collect()
 }
 
 /// Reads a bare table.

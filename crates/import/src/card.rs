@@ -1,0 +1,155 @@
+//! The card of a recording, `README.md` of its folder.
+
+use std::path::Path;
+
+use dataset::manifest::{COORDINATES, GENERATOR_VERSION, NoiseFacts, ScoringGates};
+use storage::error::Result;
+use storage::save_bytes;
+
+use super::manifest::About;
+
+/// Writes the card.
+///
+/// # Errors
+/// Writing.
+pub(crate) fn write(folder: &Path, about: &About<'_>) -> Result<()> {
+    save_bytes(&folder.join("README.md"), text(about).as_bytes())
+}
+
+fn text(about: &About<'_>) -> String {
+    let (made, size) = (about.made, about.frames.size());
+    let [low, high] = about.depths_um();
+    let gates = ScoringGates::over(high - low);
+    let optics = about.model.map_or_else(
+        || "unknown: `mle` needs them (`microsig fit`, then `import --optics`)".to_owned(),
+        |model| format!("{}; z = 0 of this model is at {:.2} um of the stage", model.optics, model.zero_um),
+    );
+    format!(
+        "# {name}\n\n\
+         Recorded images with a calibration from a scan: {frames} frames.\n\n\
+         ![some of the frames](preview.png)\n\n\
+         | | |\n|---|---|\n\
+         | images | {width} x {height} px, {um_per_px} um per px; {images} |\n\
+         | time between frames | {dt} |\n\
+         | optics | {optics} |\n\
+         | depths | {low} to {high} um, positions of the stage, which increase {direction} the lens{turned} |\n\
+         | calibration | {steps} depths, {stacks} |\n\
+         | best focus | {focus} |\n\
+         | noise of a frame | {noise} |\n\
+         | known | {known} |\n\
+         | gates for scoring | {xy} px in the image, {z} um in depth |\n\n\
+         ## Axes and units\n\n{axes}\n\n\
+         ## Files\n\n\
+         - `images/`: the frames. `truth/frames.csv`: their times.\n\
+         - `calibration/`: images of a particle at each depth, the average of several particles of the scan; \
+         `calibration.csv` has the depth of each{place_columns}.\n\
+         - `truth/planes.csv`, `truth/tracks.csv` (if there): what is known.\n\
+         - `datapackage.json`: all columns with their units; `kind` is `recording`.\n\n\
+         The depth of a calibration image is the position of the stage, and its particle is on the middle pixel at all depths: a \
+         tilted or curved focal surface, and images that move with depth, are part of the calibration of each place.\n\n\
+         Imported by microsig {GENERATOR_VERSION}; `sha256sum -c SHA256SUMS` or `microsig verify` checks the files.\n",
+        name = about.name,
+        frames = about.frames.len(),
+        width = size.width,
+        height = size.height,
+        um_per_px = about.um_per_px,
+        images = images(about),
+        dt = about.options.dt_s.map_or_else(
+            || "unknown".to_owned(),
+            |dt_s| format!("{dt_s} s{}", if about.frames.are_pairs() { " within a pair" } else { "" })
+        ),
+        direction = "away from",
+        turned = if about.options.toward_lens { " (signs of the scan's positions turned)" } else { "" },
+        steps = made.depths_um.len(),
+        stacks = stacks(about),
+        focus = focus(about),
+        noise = noise(about.noise),
+        known = known(about),
+        xy = gates.xy_px,
+        z = gates.z_um,
+        axes = COORDINATES.replace("zero in the paraxial object plane", "zero where the stage is at zero"),
+        place_columns = if made.is_field { ", and the place of each stack in the frames" } else { "" },
+    )
+}
+
+fn images(about: &About<'_>) -> String {
+    let written = about.written;
+    let parts = [
+        (written.linked, "linked to the given files (hard links: a change of those changes these)"),
+        (written.copied, "copied"),
+        (written.written, "written from pages of files, counts unchanged"),
+    ];
+    let parts = parts.into_iter().filter(|(n, _)| *n > 0);
+    let what: Vec<String> = parts.map(|(n, how)| format!("{n} {how}")).collect();
+    if about.correction.is_empty() {
+        what.join(", ")
+    } else {
+        format!("{} images{}", written.written, about.correction)
+    }
+}
+
+fn stacks(about: &About<'_>) -> String {
+    let made = about.made;
+    let n = |place: &dataset::manifest::PlaceFacts| place.particles.unwrap_or(0);
+    if !made.is_field {
+        return format!(
+            "one stack, the average of {} particles nearest to the middle",
+            n(&made.central().place)
+        );
+    }
+    let counts: Vec<u32> = made.places.iter().map(|stack| n(&stack.place)).collect();
+    let (least, most) = (counts.iter().min().unwrap_or(&0), counts.iter().max().unwrap_or(&0));
+    let side = about.options.field;
+    format!(
+        "stacks at {} of {side} x {side} places of the field of view, each the average of {least} to {most} particles",
+        counts.len()
+    )
+}
+
+/// Depths of best focus, and how much they differ over the field.
+fn focus(about: &About<'_>) -> String {
+    let made = about.made;
+    let middle = made.focus_um(made.central());
+    if !made.is_field {
+        return format!("{middle} um");
+    }
+    let all: Vec<f64> = made.places.iter().map(|stack| made.focus_um(stack)).collect();
+    let low = all.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    format!("{middle} um in the middle, {low} to {high} um over the field (steps of the scan)")
+}
+
+fn noise(noise: &NoiseFacts) -> String {
+    match noise.variance[..] {
+        [a] => format!(
+            "variance {a:.2} counts^2 of the background ({}); how it grows with the signal is unknown: the scan has no repeated frames",
+            noise.background_counts.round()
+        ),
+        [a, b] => format!(
+            "variance {a:.2} + {b:.4} s counts^2 at a signal of s counts above the background of {:.1}",
+            noise.background_counts
+        ),
+        [a, b, c] => format!(
+            "variance {a:.2} + {b:.4} s + {c:.2e} s^2 counts^2 at a signal of s counts above the background of {:.1}",
+            noise.background_counts
+        ),
+        _ => "unknown".to_owned(),
+    }
+}
+
+fn known(about: &About<'_>) -> String {
+    let facts = about.known.facts();
+    let mut parts = Vec::new();
+    if facts.planes > 0 {
+        parts.push(format!(
+            "the height of the plane of all particles in {} of {} frames",
+            facts.planes,
+            about.frames.len()
+        ));
+    }
+    if facts.particles > 0 {
+        let all = if facts.all_particles { "all particles of their frames" } else { "some of the particles" };
+        parts.push(format!("{} positions ({all})", facts.particles));
+    }
+    if parts.is_empty() { "nothing: results cannot be scored".to_owned() } else { parts.join("; ") }
+}

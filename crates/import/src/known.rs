@@ -1,0 +1,154 @@
+//! What is known of the particles of a recording: the height of the plane that all of them are in, and the
+//! positions of some or all of them.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use dataset::manifest::KnownFacts;
+use dataset::{FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, write_table};
+use storage::error::{Error, Result};
+
+use super::frames::Frames;
+
+/// What is known.
+#[derive(Debug, Default)]
+pub(crate) struct Known {
+    planes: Vec<PlaneRow>,
+    particles: Vec<TrackRow>,
+    /// Columns of the table of particles.
+    columns: Vec<&'static str>,
+    all_particles: bool,
+}
+
+/// Columns of tables of particles that are kept.
+const COLUMNS: [&str; 6] = ["frame", "track", "x_px", "y_px", "z_um", "d_um"];
+
+impl Known {
+    /// Reads the tables: one with `frame, z_um` has heights of planes, one with `frame, x_px, y_px` (and
+    /// `z_um`, `track`) positions of particles.
+    ///
+    /// # Errors
+    /// A table with other columns; values that do not fit the recording, by file and line.
+    pub(crate) fn read(
+        files: &[PathBuf],
+        all_particles: bool,
+        frames: usize,
+        (width, height): (usize, usize),
+    ) -> Result<Self> {
+        let mut known = Known { all_particles, ..Known::default() };
+        for file in files {
+            let table = TableReader::open(file)?;
+            let has = |name: &str| table.column(name).is_some();
+            if has("x_px") && has("y_px") {
+                known.columns = COLUMNS.into_iter().filter(|name| has(name)).collect();
+                table.rows(&["frame", "x_px", "y_px"], |_, row: TrackRow| {
+                    in_frames(row.frame, frames)?;
+                    within("x_px", row.x_px, width)?;
+                    within("y_px", row.y_px, height)?;
+                    known.particles.push(row);
+                    Ok(())
+                })?;
+            } else {
+                table.rows(&["frame", "z_um"], |_, row: PlaneRow| {
+                    in_frames(row.frame, frames)?;
+                    if !row.z_um.is_finite() {
+                        return Err(format!("z_um = {}: expected a height in um", row.z_um));
+                    }
+                    if known.planes.iter().any(|other| other.frame == row.frame) {
+                        return Err(format!("frame = {}: expected each frame once; with x_px and y_px it would be a table of particles", row.frame));
+                    }
+                    known.planes.push(row);
+                    Ok(())
+                })?;
+            }
+        }
+        if all_particles && known.particles.is_empty() {
+            return Err(Error::input(
+                "--all-particles: expected with --truth and a table of particles".to_owned(),
+            ));
+        }
+        known.planes.sort_by_key(|row| row.frame);
+        known.particles.sort_by_key(|row| row.frame);
+        known.fill_in_heights();
+        Ok(known)
+    }
+
+    /// Particles whose depth is unknown are in the plane of their frame.
+    fn fill_in_heights(&mut self) {
+        let planes: BTreeMap<u32, f64> = self.planes.iter().map(|row| (row.frame, row.z_um)).collect();
+        if !planes.is_empty() && !self.columns.is_empty() && !self.columns.contains(&"z_um") {
+            self.particles
+                .iter_mut()
+                .for_each(|row| row.z_um = planes.get(&row.frame).copied().unwrap_or(f64::NAN));
+            if self.particles.iter().all(|row| row.z_um.is_finite()) {
+                self.columns.push("z_um");
+            }
+        }
+    }
+
+    /// The facts for the manifest.
+    pub(crate) fn facts(&self) -> KnownFacts {
+        KnownFacts {
+            planes: self.planes.len() as u32,
+            particles: self.particles.len() as u64,
+            all_particles: self.all_particles,
+        }
+    }
+
+    /// The tables that are written.
+    pub(crate) fn tables(&self) -> Vec<Table> {
+        vec![frame_table(), PlaneRow::table(&[]), self.particle_table()]
+    }
+
+    fn particle_table(&self) -> Table {
+        TrackRow::table(&[]).only(&self.columns).described("Known particles, one row per particle and frame.")
+    }
+
+    /// Writes the tables into the folder.
+    ///
+    /// # Errors
+    /// Writing.
+    pub(crate) fn write(&self, folder: &Path, frames: &Frames, dt_s: Option<f64>) -> Result<()> {
+        let truth = folder.join("truth");
+        std::fs::create_dir_all(&truth).map_err(Error::write(&truth))?;
+        let row = |frame: usize| FrameRow {
+            frame: frame as u32,
+            pair: frames.are_pairs().then_some(frame as u32 / 2),
+            role: if frames.are_pairs() { ["a", "b"][frame % 2].to_owned() } else { String::new() },
+            // The time between pairs is unknown.
+            t_s: dt_s.filter(|_| !frames.are_pairs()).map_or(f64::NAN, |dt_s| dt_s * frame as f64),
+            image: frames.path(frame),
+            ..FrameRow::default()
+        };
+        let rows: Vec<FrameRow> = (0..frames.len()).map(row).collect();
+        write_table(folder, &frame_table(), &rows)?;
+        if !self.planes.is_empty() {
+            write_table(folder, &PlaneRow::table(&[]), &self.planes)?;
+        }
+        if !self.particles.is_empty() {
+            write_table(folder, &self.particle_table(), &self.particles)?;
+        }
+        Ok(())
+    }
+}
+
+fn frame_table() -> Table {
+    FrameRow::table(&[]).only(&["frame", "pair", "role", "t_s", "image"])
+}
+
+fn in_frames(frame: u32, frames: usize) -> std::result::Result<(), String> {
+    if (frame as usize) < frames {
+        Ok(())
+    } else {
+        Err(format!("frame = {frame}: expected 0 to {}", frames - 1))
+    }
+}
+
+fn within(name: &str, value: f64, size: usize) -> std::result::Result<(), String> {
+    let (low, high) = (0.5, size as f64 + 0.5);
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(format!("{name} = {value}: expected {low} to {high}"))
+    }
+}

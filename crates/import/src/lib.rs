@@ -1,0 +1,197 @@
+//! Recordings of one's own as folders like those of datasets.
+//!
+//! The images stay as they were recorded (`frames`), the calibration stacks are averages of particles of a
+//! scan (`particles`, `alignment`, `places`), the noise comes from repeated frames of the scan (`noise`), and
+//! the truth is what is known: heights of planes, positions of particles (`known`). Trackers, scores and
+//! views read such a folder as they read a dataset; `kind: recording` in its manifest tells the difference.
+
+mod alignment;
+mod card;
+mod correction;
+mod extent;
+mod files;
+mod frames;
+mod known;
+mod located;
+mod manifest;
+mod noise;
+mod optics;
+mod particles;
+mod places;
+mod stacks;
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use correction::Correction;
+use dataset::manifest::{MANIFEST, NoiseFacts, PlaceFacts};
+use fit::{Scan, StagePositions};
+use frames::Frames;
+use generator::runner::Progress;
+use known::Known;
+use storage::error::{Error, Result};
+use storage::folder::{Earlier, Partial, check_replaceable};
+
+/// Options of [`import`].
+#[derive(Debug, Clone)]
+pub struct ImportOptions {
+    /// The images: files, folders, or names with `*` and `?`.
+    pub images: Vec<PathBuf>,
+    /// Pages of a file that belong to one time; `None`: as the file says, otherwise one.
+    pub pages_per_time: Option<usize>,
+    /// Which of these is the image, from 0.
+    pub page: Option<usize>,
+    /// The calibration scan: a file of pages, or a folder.
+    pub scan: PathBuf,
+    /// Its stage positions.
+    pub positions: StagePositions,
+    /// Whether stage positions increase toward the lens.
+    pub toward_lens: bool,
+    /// A scenario with the optics, such as `microsig fit` writes.
+    pub optics: Option<PathBuf>,
+    /// Edge of a pixel in object space, um; taken from the optics if `None`.
+    pub um_per_px: Option<f64>,
+    /// Time between frames, or between the frames of a pair, s.
+    pub dt_s: Option<f64>,
+    /// Whether frames 2k and 2k + 1 are a pair.
+    pub pairs: bool,
+    /// Tables of what is known: heights of planes, positions of particles.
+    pub truth: Vec<PathBuf>,
+    /// Whether the positions are those of all particles of their frames.
+    pub all_particles: bool,
+    /// An image, or a stack of images, without light.
+    pub dark: Option<PathBuf>,
+    /// The same with uniform light.
+    pub flat: Option<PathBuf>,
+    /// Number of places of calibration stacks along each side of the field of view; 1: one stack.
+    pub field: usize,
+    /// Largest number of particles that are averaged to a stack.
+    pub particles: usize,
+    /// Width of the calibration images, px; from the size of the images if `None`.
+    pub window_px: Option<usize>,
+    /// Whether images are copied even where they could be linked.
+    pub copy: bool,
+    /// Whether an earlier folder is replaced.
+    pub force: bool,
+    /// Progress display.
+    pub progress: Progress,
+}
+
+impl ImportOptions {
+    /// Default of `particles`.
+    pub const PARTICLES: usize = 6;
+    /// Largest `field`.
+    pub const LARGEST_FIELD: usize = 9;
+}
+
+/// What was imported.
+#[derive(Debug, Clone, Serialize)]
+pub struct Imported {
+    /// The folder.
+    pub out: PathBuf,
+    /// Number of frames.
+    pub frames: usize,
+    /// Number of images that are hard links to the given files.
+    pub linked: usize,
+    /// Number of images that are copies of the given files.
+    pub copied: usize,
+    /// Number of images written from a page of a file, or after a correction.
+    pub written: usize,
+    /// Depths of the calibration stacks.
+    pub depths: usize,
+    /// Places of the calibration stacks, with the number of their particles.
+    pub places: Vec<PlaceFacts>,
+    /// Particles of the scan that are not used, and why.
+    pub unused: Unused,
+    /// Noise of a frame.
+    pub noise: NoiseFacts,
+    /// Warnings.
+    pub warnings: Vec<String>,
+}
+
+/// Numbers of particles of a scan that are not used.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Unused {
+    /// Cut by the edge of the image.
+    pub cut: usize,
+    /// Too close to others.
+    pub crowded: usize,
+    /// With saturated pixels.
+    pub saturated: usize,
+    /// Unlike the others, as two particles side by side are.
+    pub unlike: usize,
+}
+
+/// Imports a recording into a new folder, which is complete or not there.
+///
+/// # Errors
+/// Input that cannot be used, by file, page or line, and value; an existing folder, unless `force`; writing.
+pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
+    let earlier = Earlier::new(MANIFEST, options.force);
+    check_replaceable(out, earlier)?;
+    let spinner = options.progress.spinner("reading the scan");
+    let optics = options.optics.as_deref().map(optics::Optics::read).transpose()?;
+    let um_per_px =
+        options.um_per_px.or(optics.as_ref().map(optics::Optics::um_per_px)).ok_or_else(|| {
+            let needed =
+                "give --pixel-size and --magnification, or --optics with a scenario of `microsig fit`";
+            Error::input(format!("the size of a pixel in object space is unknown: {needed}"))
+        })?;
+    let mut scan = Scan::read(&options.scan, &options.positions)?;
+    let correction =
+        Correction::read(options.dark.as_deref(), options.flat.as_deref(), (scan.width, scan.height))?;
+    scan.planes.iter_mut().for_each(|plane| correction.apply(plane));
+    if options.toward_lens {
+        scan.stage_um.iter_mut().for_each(|z| *z = -*z);
+    }
+    let frames = Frames::find(options, (scan.width, scan.height))?;
+    let known = Known::read(&options.truth, options.all_particles, frames.len(), (scan.width, scan.height))?;
+    spinner.set_message("particles of the scan");
+    let made = stacks::Stacks::cut(&scan, &options.scan, options)?;
+    let noise = noise::of_scan(&scan, made.background);
+    let mut warnings = scan.warnings.clone();
+    warnings.extend(made.warnings.iter().cloned());
+    let model = optics.as_ref().map(|optics| optics.at(&made, &spinner)).transpose()?;
+    warnings.extend(model.iter().filter_map(optics::Model::warning));
+    spinner.finish_and_clear();
+
+    let partial = Partial::start(out)?;
+    let folder = partial.folder();
+    let written = frames.write(folder, um_per_px, &correction, options)?;
+    warnings.extend(written.warnings.iter().cloned());
+    made.write(folder, um_per_px, model.as_ref())?;
+    known.write(folder, &frames, options.dt_s)?;
+    let about = manifest::About {
+        name: name(out),
+        um_per_px,
+        options,
+        frames: &frames,
+        written: &written,
+        made: &made,
+        noise: &noise,
+        known: &known,
+        model: model.as_ref(),
+        correction: correction.clause(),
+    };
+    card::write(folder, &about)?;
+    manifest::seal(&partial, &about)?;
+    partial.finish_without_journal(earlier)?;
+    Ok(Imported {
+        out: out.to_owned(),
+        frames: frames.len(),
+        linked: written.linked,
+        copied: written.copied,
+        written: written.written,
+        depths: made.depths_um.len(),
+        places: made.places.iter().map(|stack| stack.place).collect(),
+        unused: made.unused,
+        noise,
+        warnings,
+    })
+}
+
+/// The name of a folder.
+fn name(out: &Path) -> String {
+    out.file_name().map_or_else(|| "recording".to_owned(), |name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,97 @@
+//! Finds the particles of a scan: maxima over depth of band-pass filtered planes, in which the sharp image of
+//! a particle stands out and the wide ones of others do not.
+
+use fit::Scan;
+use rayon::prelude::*;
+use storage::error::{Error, Result};
+use tracking::GrayImage;
+
+use super::stacks::Level;
+
+/// Standard deviations of the Gaussian filters whose difference is the band-pass filter, px.
+const NARROW_PX: f32 = 1.2;
+const WIDE_PX: f32 = 5.0;
+
+/// A maximum must be this many standard deviations above the noise of the map, and reach this share of the
+/// median maximum.
+const ABOVE_NOISE: f32 = 12.0;
+const OF_MEDIAN: f32 = 0.15;
+
+/// No other maximum is this close, px.
+const APART_PX: usize = 3;
+
+/// Where the particles of a scan are.
+#[derive(Debug, Clone)]
+pub(crate) struct Located {
+    /// Columns and rows of the particles, px from 0, most contrast first.
+    pub(crate) places: Vec<[f64; 2]>,
+    /// Mean of the background, counts.
+    pub(crate) background: f64,
+    /// Standard deviation of the background, counts.
+    pub(crate) background_noise: f64,
+}
+
+impl Located {
+    /// Finds the particles.
+    ///
+    /// # Errors
+    /// A scan without particles.
+    pub(crate) fn of(scan: &Scan, levels: &[Level]) -> Result<Self> {
+        let size = (scan.width, scan.height);
+        let plane = |level: &Level| {
+            let counts = &scan.planes[level.planes[0]];
+            GrayImage::from_fn(size, |x, y| f32::from(counts[y * size.0 + x]))
+        };
+        let backgrounds: Vec<(f32, f32)> = levels.par_iter().map(|level| plane(level).background()).collect();
+        let filtered = |level: &Level| {
+            let image = plane(level);
+            let (mut narrow, wide) = (image.smoothed(NARROW_PX), image.smoothed(WIDE_PX));
+            narrow.counts.iter_mut().zip(&wide.counts).for_each(|(n, w)| *n -= w);
+            narrow.counts
+        };
+        let nothing = || vec![f32::MIN; size.0 * size.1];
+        let larger = |mut a: Vec<f32>, b: Vec<f32>| {
+            a.iter_mut().zip(&b).for_each(|(a, b)| *a = a.max(*b));
+            a
+        };
+        let map = levels.par_iter().map(filtered).reduce(nothing, larger);
+        let map = GrayImage { width: size.0, height: size.1, counts: map };
+        let (level, noise) = map.background();
+        let mut found = maxima(&map, level + ABOVE_NOISE * noise.max(f32::MIN_POSITIVE));
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let least = found.get(found.len() / 2).map_or(0.0, |(median, _)| OF_MEDIAN * median);
+        found.retain(|(value, _)| *value >= least);
+        if found.is_empty() {
+            let what = "no particle found: nothing sharp stands out of the noise in any plane";
+            return Err(Error::input(what.to_owned()));
+        }
+        let median = |of: fn(&(f32, f32)) -> f32| {
+            let mut values: Vec<f32> = backgrounds.iter().map(of).collect();
+            values.sort_by(f32::total_cmp);
+            f64::from(values[values.len() / 2])
+        };
+        Ok(Located {
+            places: found.into_iter().map(|(_, at)| at).collect(),
+            background: median(|b| b.0),
+            background_noise: median(|b| b.1),
+        })
+    }
+}
+
+/// Local maxima above a threshold, with their values.
+fn maxima(map: &GrayImage, least: f32) -> Vec<(f32, [f64; 2])> {
+    let (w, h) = (map.width, map.height);
+    let is_maximum = |x: usize, y: usize| {
+        let here = map.counts[y * w + x];
+        let columns = x.saturating_sub(APART_PX)..(x + APART_PX + 1).min(w);
+        here > least
+            && (y.saturating_sub(APART_PX)..(y + APART_PX + 1).min(h))
+                .flat_map(|v| columns.clone().map(move |u| (u, v)))
+                .all(|(u, v)| {
+                    let there = map.counts[v * w + u];
+                    there < here || (there == here && (v, u) >= (y, x))
+                })
+    };
+    let pixels = (0..w * h).filter(|&i| is_maximum(i % w, i / w));
+    pixels.map(|i| (map.counts[i], [(i % w) as f64, (i / w) as f64])).collect()
+}

@@ -1,0 +1,373 @@
+//! Calibration stacks: averages of particles of a scan, one stack or one at each of several places of the
+//! field of view. The depth of an image is the position of the stage, the same at all places: a focal surface
+//! that is tilted or curved is part of the calibration.
+
+use std::path::Path;
+
+use dataset::manifest::PlaceFacts;
+use dataset::{CalibrationRow, write_table};
+use fit::Scan;
+use microsig_core::Particle;
+use microsig_core::formats::tiff::{self, PixelScale};
+use microsig_core::formats::{data_file, settings_file};
+use microsig_core::sensor::{Counts, Image};
+use rayon::prelude::*;
+use storage::error::{Error, Result};
+use storage::save;
+use tracking::GrayImage;
+
+use super::alignment::{Aligned, peak, sharpest};
+use super::located::Located;
+use super::optics::Model;
+use super::particles::{MARGIN, usable};
+use super::places::Places;
+use super::{ImportOptions, Unused, extent};
+
+/// Number of others to which a particle is compared: the nearest ones.
+const COMPARED: usize = 6;
+
+/// Rounds of alignment. After each, particles are left out if the others do not explain this share of their
+/// squared light in focus: first those that are no part of a good reference, then all that are not single.
+const UNLIKE: [f64; 3] = [0.16, 0.08, 0.04];
+
+/// A larger share is accepted if it is at most this many times the median of all; if the median is larger
+/// than the second number, none is single.
+const UNLIKE_MEDIAN: f64 = 2.0;
+const NONE_ALIKE: f64 = 0.06;
+
+/// Depths whose images have this share of the highest peak are in focus: there, two particles side by side
+/// differ most from one.
+const IN_FOCUS: f32 = 0.5;
+
+/// Pixels by which calibration images are wider than the light of a particle, on each side.
+const BEYOND_PX: usize = 3;
+
+/// Smallest half width of calibration images, px, and least number of depths.
+const LEAST_HALF: usize = 5;
+const LEAST_DEPTHS: usize = 5;
+
+/// The frames of a scan at one depth.
+#[derive(Debug)]
+pub(crate) struct Level {
+    pub(crate) z_um: f64,
+    pub(crate) planes: Vec<usize>,
+}
+
+/// The depths of a scan, increasing, each with its frames.
+pub(crate) fn levels(scan: &Scan) -> Vec<Level> {
+    let mut order: Vec<usize> = (0..scan.planes.len()).collect();
+    order.sort_by(|a, b| scan.stage_um[*a].total_cmp(&scan.stage_um[*b]).then(a.cmp(b)));
+    let mut levels: Vec<Level> = Vec::new();
+    for plane in order {
+        let z_um = scan.stage_um[plane];
+        match levels.last_mut().filter(|level| level.z_um == z_um) {
+            Some(level) => level.planes.push(plane),
+            None => levels.push(Level { z_um, planes: vec![plane] }),
+        }
+    }
+    levels
+}
+
+/// The stack of a place.
+#[derive(Debug)]
+pub(crate) struct PlaceStack {
+    pub(crate) place: PlaceFacts,
+    /// Images above the background by depth, on squares with the particle on the middle pixel.
+    pub(crate) images: Vec<GrayImage>,
+}
+
+/// The stacks of a recording.
+#[derive(Debug)]
+pub(crate) struct Stacks {
+    pub(crate) depths_um: Vec<f64>,
+    pub(crate) places: Vec<PlaceStack>,
+    /// Whether they are at several places.
+    pub(crate) is_field: bool,
+    /// Mean and standard deviation of the background, counts.
+    pub(crate) background: [f64; 2],
+    pub(crate) unused: Unused,
+    pub(crate) warnings: Vec<String>,
+    /// Width and height of the frames, px.
+    pub(crate) frame_px: (usize, usize),
+}
+
+impl Stacks {
+    /// Cuts the stacks from a scan; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// A scan without single particles, or with too few depths.
+    pub(crate) fn cut(scan: &Scan, file: &Path, options: &ImportOptions) -> Result<Self> {
+        let name = file.display();
+        let levels = levels(scan);
+        if levels.len() < LEAST_DEPTHS {
+            return Err(Error::input(format!(
+                "{name}: {} depths: expected at least {LEAST_DEPTHS}",
+                levels.len()
+            )));
+        }
+        let located = Located::of(scan, &levels).map_err(|e| Error::input(format!("{name}: {e}")))?;
+        let radii = extent::radii(scan, &levels, &located);
+        let half = half_px(scan, &radii, options);
+        let places = Places { side: options.field, size: (scan.width, scan.height) };
+        let most = 3 * options.particles;
+        let chosen: Vec<[f64; 2]> = (0..places.len())
+            .flat_map(|place| places.nearest(place, &located.places).into_iter().take(most))
+            .map(|k| located.places[k])
+            .collect();
+        let (particles, mut unused) =
+            usable(scan, &levels, &located, (half, &radii), |at| chosen.contains(&at));
+        if particles.is_empty() {
+            return Err(Error::input(none(&name.to_string(), &located, half, unused)));
+        }
+        options.progress.check()?;
+        let found = particles.len();
+        let mut aligned: Vec<Aligned> = particles.into_par_iter().map(|p| Aligned::new(p, half)).collect();
+        let repeats = levels.iter().map(|level| level.planes.len()).min().unwrap_or(1) as f64;
+        align(&mut aligned, located.background_noise.powi(2) / repeats, options)?;
+        unused.unlike = found - aligned.len();
+        if aligned.is_empty() {
+            return Err(Error::input(format!(
+                "{name}: no single particle: the {found} that lie apart differ from each other by more than {} % of their light in \
+                 focus, as pairs of particles side by side do; expected particles of one size, farther apart",
+                100.0 * NONE_ALIKE
+            )));
+        }
+        let mut made = Stacks {
+            depths_um: levels.iter().map(|level| level.z_um).collect(),
+            places: Vec::new(),
+            is_field: options.field > 1,
+            background: [located.background, located.background_noise],
+            unused,
+            warnings: Vec::new(),
+            frame_px: (scan.width, scan.height),
+        };
+        made.average(&aligned, places, options, &name.to_string());
+        Ok(made)
+    }
+
+    fn average(&mut self, aligned: &[Aligned], places: Places, options: &ImportOptions, name: &str) {
+        let positions: Vec<[f64; 2]> = aligned.iter().map(Aligned::at).collect();
+        let mut empty = Vec::new();
+        for place in 0..places.len() {
+            let near: Vec<usize> =
+                places.nearest(place, &positions).into_iter().take(options.particles).collect();
+            if near.is_empty() {
+                empty.push(format!("row {}, column {}", place / places.side + 1, place % places.side + 1));
+                continue;
+            }
+            let mean =
+                |axis: usize| near.iter().map(|k| positions[*k][axis]).sum::<f64>() / near.len() as f64 + 1.0;
+            let particles: Vec<&Aligned> = near.iter().map(|k| &aligned[*k]).collect();
+            let images = averaged(&particles, |particle| particle.brightness * particle.brightness);
+            let facts = PlaceFacts {
+                place: place as u32,
+                x_px: mean(0),
+                y_px: mean(1),
+                particles: Some(near.len() as u32),
+            };
+            self.places.push(PlaceStack { place: facts, images });
+        }
+        let mut lights: Vec<f32> = aligned.iter().map(light).collect();
+        lights.sort_by(f32::total_cmp);
+        equal_light(&mut self.places, lights[lights.len() / 2]);
+        if aligned.len() == 1 {
+            self.warnings.push(format!(
+                "{name}: one particle: its stack has its noise and whatever is special about it; several particles would average both"
+            ));
+        }
+        if !empty.is_empty() {
+            self.warnings.push(format!(
+                "no single particle at {} of {} places ({}): trackers use the stacks beside them",
+                empty.len(),
+                places.len(),
+                empty.join("; ")
+            ));
+        }
+    }
+
+    /// Writes images, table and, with a model of the optics, settings and data files.
+    ///
+    /// # Errors
+    /// Writing.
+    pub(crate) fn write(&self, folder: &Path, um_per_px: f64, model: Option<&Model>) -> Result<()> {
+        let scale = PixelScale { um_per_px, frame_interval_s: None };
+        let mut rows = Vec::new();
+        for stack in &self.places {
+            let within =
+                if self.is_field { format!("/place_{:02}", stack.place.place) } else { String::new() };
+            for part in ["images", "particles"].into_iter().take(if model.is_some() { 2 } else { 1 }) {
+                let path = folder.join(format!("calibration/{part}{within}"));
+                std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+            }
+            for (step, (image, z_um)) in stack.images.iter().zip(&self.depths_um).enumerate() {
+                let middle = (image.width / 2 + 1) as f64;
+                let path = format!("calibration/images{within}/step_{step:04}.tif");
+                self.save(&folder.join(&path), image, &scale)?;
+                let mut row = CalibrationRow {
+                    step: step as u32,
+                    z_um: *z_um,
+                    x_px: middle,
+                    y_px: middle,
+                    image: path,
+                    place: stack.place.place,
+                    place_x_px: stack.place.x_px,
+                    place_y_px: stack.place.y_px,
+                    ..CalibrationRow::default()
+                };
+                if let Some(model) = model {
+                    row.particles = format!("calibration/particles{within}/step_{step:04}.txt");
+                    let particle = [Particle::sphere(middle, middle, model.depth_um(*z_um), model.d_um)];
+                    let path = folder.join(&row.particles);
+                    let layout = data_file::Layout::of(&particle);
+                    save(&path, |w| data_file::write(w, &particle, layout).map_err(Error::write(&path)))?;
+                }
+                rows.push(row);
+            }
+        }
+        if let Some(model) = model {
+            let path = folder.join("calibration/settings.txt");
+            save(&path, |w| settings_file::write(w, &model.settings).map_err(Error::write(&path)))?;
+        }
+        write_table(folder, &self.table(), &rows)
+    }
+
+    /// Writes an image with its background, as floating-point numbers: an average has more digits than counts.
+    fn save(&self, path: &Path, image: &GrayImage, scale: &PixelScale) -> Result<()> {
+        let counts = image.counts.iter().map(|count| count + self.background[0] as f32).collect();
+        let (width, height) = (image.width as u32, image.height as u32);
+        let image = Image { width, height, bits: Image::FLOAT_BITS, counts: Counts::Unrounded(counts) };
+        save(path, |writer| Ok(tiff::write(writer, &image, scale, &path.display().to_string())?))
+    }
+
+    /// The stack nearest to the middle of the field of view.
+    pub(crate) fn central(&self) -> &PlaceStack {
+        let (x, y) = (0.5 * self.frame_px.0 as f64 + 0.5, 0.5 * self.frame_px.1 as f64 + 0.5);
+        let away = |stack: &&PlaceStack| (stack.place.x_px - x).hypot(stack.place.y_px - y);
+        // There is at least one.
+        self.places.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&self.places[0])
+    }
+
+    /// Edge of the calibration images, px.
+    pub(crate) fn side_px(&self) -> u32 {
+        self.central().images.first().map_or(0, |image| image.width as u32)
+    }
+
+    /// Depth of the sharpest image of a stack, um.
+    pub(crate) fn focus_um(&self, stack: &PlaceStack) -> f64 {
+        self.depths_um[sharpest(&stack.images)]
+    }
+
+    /// Mean over depth of the number of pixels above a tenth of the peak of the central stack, px.
+    pub(crate) fn area_px(&self) -> f64 {
+        let images = &self.central().images;
+        let area = |image: &GrayImage| {
+            let least = 0.1 * image.counts.iter().copied().fold(0.0, f32::max);
+            image.counts.iter().filter(|count| **count > least).count()
+        };
+        images.iter().map(area).sum::<usize>() as f64 / images.len() as f64
+    }
+}
+
+/// Half width of the calibration images, px.
+fn half_px(scan: &Scan, radii: &[usize], options: &ImportOptions) -> usize {
+    let most = (scan.width.min(scan.height) / 2).saturating_sub(MARGIN + 1);
+    let largest = radii.iter().copied().max().unwrap_or(0);
+    let half = options.window_px.map_or(largest + BEYOND_PX, |width| width / 2);
+    half.max(LEAST_HALF).min(most.max(1))
+}
+
+/// Aligns the particles to each other and leaves out those unlike the others.
+fn align(aligned: &mut Vec<Aligned>, noise: f64, options: &ImportOptions) -> Result<()> {
+    for particle in aligned.iter_mut() {
+        // At brightness 1, the light over all depths is 1.
+        particle.brightness = light(particle);
+    }
+    for unlike in UNLIKE {
+        if aligned.len() < 2 {
+            return Ok(());
+        }
+        options.progress.check()?;
+        let references: Vec<Vec<GrayImage>> = (0..aligned.len())
+            .into_par_iter()
+            .map(|k| {
+                let at = aligned[k].at();
+                let away = |other: &Aligned| (other.at()[0] - at[0]).hypot(other.at()[1] - at[1]);
+                let mut others: Vec<&Aligned> =
+                    aligned.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, other)| other).collect();
+                others.sort_by(|a, b| away(a).total_cmp(&away(b)));
+                others.truncate(COMPARED);
+                averaged(&others, |_| 1.0)
+            })
+            .collect();
+        aligned.par_iter_mut().zip(&references).for_each(|(particle, reference)| {
+            let peaks: Vec<f32> = reference.iter().map(peak).collect();
+            let most = peaks.iter().copied().fold(0.0, f32::max);
+            let in_focus: Vec<usize> = (0..peaks.len()).filter(|k| peaks[*k] >= IN_FOCUS * most).collect();
+            particle.fit(reference, &in_focus, noise);
+        });
+        leave_out(aligned, unlike);
+    }
+    Ok(())
+}
+
+fn leave_out(aligned: &mut Vec<Aligned>, unlike: f64) {
+    let mut shares: Vec<f64> = aligned.iter().map(|particle| particle.unexplained).collect();
+    shares.sort_by(f64::total_cmp);
+    let median = shares[shares.len() / 2];
+    let limit = if median > NONE_ALIKE { 0.0 } else { unlike.max(UNLIKE_MEDIAN * median) };
+    aligned.retain(|particle| particle.unexplained <= limit);
+}
+
+/// Sum of the light of a particle over all depths.
+fn light(particle: &Aligned) -> f32 {
+    let of_depth = |depth: usize| particle.image(depth).into_iter().flatten().sum::<f32>();
+    (particle.brightness * (0..particle.depths()).map(of_depth).sum::<f32>()).max(1.0)
+}
+
+/// Mean stack of several particles at brightness 1; pixels that belong to neighbors of all of them are dark.
+/// Weights by the square of the brightness give the least noise, equal ones keep pairs of particles, which are
+/// bright, from having their way.
+fn averaged(particles: &[&Aligned], weight: impl Fn(&Aligned) -> f32 + Sync) -> Vec<GrayImage> {
+    let depths = particles.first().map_or(0, |particle| particle.depths());
+    let average = |depth: usize| {
+        let (mut sums, mut weights) = (Vec::new(), Vec::new());
+        for particle in particles {
+            let image = particle.image(depth);
+            sums.resize(image.len(), 0.0f32);
+            weights.resize(image.len(), 0.0f32);
+            let weight = weight(particle);
+            for (i, value) in image.into_iter().enumerate() {
+                let Some(value) = value else { continue };
+                sums[i] += weight * value;
+                weights[i] += weight;
+            }
+        }
+        let side = sums.len().isqrt();
+        GrayImage::from_fn((side, side), |x, y| {
+            let i = y * side + x;
+            if weights[i] > 0.0 { sums[i] / weights[i] } else { 0.0 }
+        })
+    };
+    (0..depths).map(average).collect()
+}
+
+/// Scales all stacks to the same light over all depths: the brightness of particles varies more than that of
+/// the field of view.
+fn equal_light(places: &mut [PlaceStack], light: f32) {
+    for stack in places {
+        let own = stack.images.iter().flat_map(|image| &image.counts).sum::<f32>();
+        let factor = light / own.max(f32::MIN_POSITIVE);
+        stack.images.iter_mut().flat_map(|image| &mut image.counts).for_each(|count| *count *= factor);
+    }
+}
+
+/// Why no particle can be used.
+fn none(name: &str, located: &Located, half: usize, unused: Unused) -> String {
+    let (n, width) = (located.places.len(), 2 * half + 1);
+    format!(
+        "{name}: none of {n} particles can be used with calibration images of {width} x {width} px: {} cut by the edge of the image, \
+         {} too close to others, {} saturated; expected at least one; set a smaller --window, leave out the planes \
+         farthest from focus, or reduce the exposure",
+        unused.cut, unused.crowded, unused.saturated
+    )
+}

@@ -1,0 +1,109 @@
+"""Recordings of one's own."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+from . import _microsig
+from ._arguments import flag, real, whole
+from ._dataset import Dataset, open
+
+_Path = str | os.PathLike[str]
+
+
+def import_recording(
+    images: _Path | Sequence[_Path],
+    scan: _Path,
+    out: _Path,
+    *,
+    z: _Path | None = None,
+    z_step_um: float | None = None,
+    z_toward: bool = False,
+    magnification: float | None = None,
+    pixel_size_um: float | None = None,
+    optics: _Path | None = None,
+    dt_s: float | None = None,
+    pairs: bool = False,
+    pages_per_time: int | None = None,
+    page: int | None = None,
+    truth: _Path | Sequence[_Path] = (),
+    all_particles: bool = False,
+    dark: _Path | None = None,
+    flat: _Path | None = None,
+    field: int = 1,
+    particles: int = 6,
+    window_px: int | None = None,
+    copy: bool = False,
+    force: bool = False,
+    progress: bool = False,
+) -> Dataset:
+    """Make a folder like a dataset's from recorded images and a calibration scan, as ``microsig import`` does, and open it.
+
+    :param images: TIFF files of 8 or 16 bit with one page or many, folders, or names with ``*`` and ``?``
+    :param scan: the calibration scan: a file of pages, or a folder
+    :param out: the new folder
+    :param z: stage positions of the scan: a CSV file with ``page`` (from 0) or ``image``, and ``z_um``
+    :param z_step_um: step of the stage between pages, instead of ``z``
+    :param z_toward: stage positions increase toward the lens
+    :param magnification: magnification of the microscope, with ``pixel_size_um``; by default that of ``optics``
+    :param pixel_size_um: edge of a pixel on the sensor, um
+    :param optics: a scenario with the optics, such as ``microsig fit`` writes; for ``mle``
+    :param dt_s: time between frames, or between the frames of a pair, s
+    :param pairs: frames 2k and 2k + 1 are an image pair
+    :param pages_per_time: pages of a file that belong to one time; by default as the file says
+    :param page: which of these is the image, from 0
+    :param truth: CSV files with ``frame, z_um`` (heights of planes) or ``frame, x_px, y_px`` (positions of particles)
+    :param all_particles: the known positions are those of all particles of their frames
+    :param dark: an image without light, of one page or many
+    :param flat: an image of uniform light, of one page or many
+    :param field: calibration stacks at ``field`` x ``field`` places of the field of view
+    :param particles: largest number of particles that are averaged to a stack
+    :param window_px: width of the calibration images, px
+    :param copy: copy images that could be linked
+    :param force: replace an earlier folder
+    :param progress: show a bar, if standard error is a terminal
+    :raises ValueError: input that cannot be used, by file, page or line, and value
+    :raises FileExistsError: the folder exists
+    :raises OSError: a file cannot be read or written
+    """
+    if (magnification is None) != (pixel_size_um is None):
+        raise ValueError("magnification and pixel_size_um: expected both or neither")
+    um_per_px = None
+    if magnification is not None and pixel_size_um is not None:
+        um_per_px = real("pixel_size_um", pixel_size_um, 0.05, 1000) / real("magnification", magnification, 0.01, 1000)
+    how = {
+        "images": _paths(images),
+        "scan": Path(scan),
+        "z": _path(z),
+        "z_step_um": None if z_step_um is None else real("z_step_um", z_step_um, -1e4, 1e4),
+        "z_toward": flag("z_toward", z_toward),
+        "optics": _path(optics),
+        "um_per_px": um_per_px,
+        "dt_s": None if dt_s is None else real("dt_s", dt_s, 1e-9, 1e6),
+        "pairs": flag("pairs", pairs),
+        "pages_per_time": None if pages_per_time is None else whole("pages_per_time", pages_per_time, 1, 2**31),
+        "page": None if page is None else whole("page", page, 0, 2**31),
+        "truth": _paths(truth),
+        "all_particles": flag("all_particles", all_particles),
+        "dark": _path(dark),
+        "flat": _path(flat),
+        "field": whole("field", field, 1, 9),
+        "particles": whole("particles", particles, 1, 1000),
+        "window_px": None if window_px is None else whole("window_px", window_px, 11, 1023),
+        "copy": flag("copy", copy),
+        "force": flag("force", force),
+    }
+    for warning in _microsig.import_recording(Path(out), how, flag("progress", progress)):
+        warnings.warn(warning, stacklevel=2)
+    return open(out)
+
+
+def _path(path: _Path | None) -> Path | None:
+    return None if path is None else Path(path)
+
+
+def _paths(paths: _Path | Sequence[_Path]) -> list[Path]:
+    return [Path(paths)] if isinstance(paths, (str, os.PathLike)) else [Path(path) for path in paths]

@@ -1,0 +1,337 @@
+//! `microsig import`: a recording in the formats of other programs becomes a folder that trackers and scores
+//! read like a dataset, and inputs that it refuses.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use microsig_core::Settings;
+use serde_json::Value;
+use suite::microsig::{fail, path, run};
+use suite::scan::{Bead, SimulatedScan, write_pages};
+use tiff::encoder::TiffEncoder;
+use tiff::encoder::colortype::{Gray8, Gray32Float, RGB8};
+use tiff::tags::Tag;
+
+/// Edge of the images, px.
+const SIDE: u32 = 240;
+
+/// Frames of the recording: planes of the scan.
+const FRAMES: [usize; 6] = [1, 4, 7, 13, 16, 19];
+
+/// Nine particles in a plane, scanned through focus.
+fn target() -> SimulatedScan {
+    let simulated = SimulatedScan::tenfold(21, 4.0);
+    let bead = |k: u32| Bead {
+        x_px: 41.3 + 79.37 * f64::from(k % 3),
+        y_px: 39.8 + 79.71 * f64::from(k / 3),
+        z_um: -12.0,
+        c_int: 1.0 + 0.05 * f64::from(k),
+    };
+    SimulatedScan {
+        settings: Settings { pixel_dim_x: SIDE, pixel_dim_y: SIDE, ..simulated.settings.clone() },
+        drift_px_per_um: [0.0; 2],
+        beads: (0..9).map(bead).collect(),
+        ..simulated
+    }
+}
+
+/// Counts of a camera of 8 bit.
+fn eight_bit(plane: &[u16]) -> Vec<u8> {
+    plane.iter().map(|count| (count / 24).min(255) as u8).collect()
+}
+
+/// What the command prints as JSON.
+fn json(arguments: &[&str]) -> Value {
+    serde_json::from_str(&run(&[arguments, &["--json"]].concat())).unwrap()
+}
+
+/// A file of 8-bit pages with a description.
+fn write_eight_bit(file: &Path, pages: &[Vec<u8>], description: &str) {
+    let mut encoder = TiffEncoder::new(File::create(file).unwrap()).unwrap();
+    for page in pages {
+        let mut image = encoder.new_image::<Gray8>(SIDE, SIDE).unwrap();
+        image.encoder().write_tag(Tag::ImageDescription, description).unwrap();
+        image.write_data(page).unwrap();
+    }
+}
+
+/// A recording with its scan, in a folder.
+struct Recording {
+    place: tempfile::TempDir,
+    truth: SimulatedScan,
+}
+
+impl Recording {
+    /// The scan with two frames of each plane, as 8-bit pages; the recording as OME-TIFF with two channels, of
+    /// which the first is dark; heights of the planes, and positions of four particles.
+    fn new() -> Self {
+        let (place, truth) = (tempfile::tempdir().unwrap(), target());
+        let at = |name: &str| place.path().join(name);
+        let (first, second, third) =
+            (truth.planes(1).unwrap(), truth.planes(2).unwrap(), truth.planes(3).unwrap());
+        let scan: Vec<Vec<u8>> =
+            first.iter().zip(&second).flat_map(|(a, b)| [eight_bit(a), eight_bit(b)]).collect();
+        write_eight_bit(&at("scan.tif"), &scan, "a camera");
+        let z: String =
+            truth.stage_um.iter().enumerate().fold("page,z_um\n".to_owned(), |mut text, (k, z)| {
+                let _ = writeln!(text, "{},{z}\n{},{z}", 2 * k, 2 * k + 1);
+                text
+            });
+        std::fs::write(at("z.csv"), z).unwrap();
+        let dark = vec![14; (SIDE * SIDE) as usize];
+        let frames: Vec<Vec<u8>> =
+            FRAMES.iter().flat_map(|k| [dark.clone(), eight_bit(&third[*k])]).collect();
+        let ome = format!(
+            r#"<?xml version="1.0"?><OME><Image ID="Image:0"><Pixels DimensionOrder="XYCZT" SizeX="{SIDE}" SizeY="{SIDE}" SizeC="2" SizeZ="1" SizeT="{}" Type="uint8"/></Image></OME>"#,
+            FRAMES.len()
+        );
+        write_eight_bit(&at("run.ome.tif"), &frames, &ome);
+        let (mut planes, mut known) = ("frame,z_um\n".to_owned(), "frame,x_px,y_px\n".to_owned());
+        for (frame, plane) in FRAMES.iter().enumerate() {
+            let _ = writeln!(planes, "{frame},{}", truth.stage_um[*plane]);
+            for bead in &truth.beads[..4] {
+                let _ = writeln!(known, "{frame},{},{}", bead.x_px, bead.y_px);
+            }
+        }
+        std::fs::write(at("planes.csv"), planes).unwrap();
+        std::fs::write(at("known.csv"), known).unwrap();
+        Recording { place, truth }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.place.path().join(name)
+    }
+
+    /// Arguments of an import of these images with this scan.
+    fn arguments(&self, images: &str, scan: &str, more: &[&str]) -> Vec<String> {
+        let (images, scan, z, out) = (self.at(images), self.at(scan), self.at("z.csv"), self.at("out"));
+        let own = [
+            "import",
+            "--images",
+            path(&images),
+            "--scan",
+            path(&scan),
+            "--z",
+            path(&z),
+            "--out",
+            path(&out),
+        ];
+        let scale = ["--magnification", "10", "--pixel-size", "6.45"];
+        own.iter().chain(&scale).chain(more).map(|text| (*text).to_owned()).collect()
+    }
+
+    /// The message about an import that is refused.
+    fn refused(&self, images: &str, scan: &str, more: &[&str]) -> String {
+        let arguments = self.arguments(images, scan, more);
+        let message = fail(2, &arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        let left: Vec<_> =
+            std::fs::read_dir(self.place.path()).unwrap().flatten().map(|e| e.file_name()).collect();
+        assert!(
+            !left.iter().any(|name| name.to_string_lossy().starts_with("out")),
+            "nothing is written: {left:?}"
+        );
+        message
+    }
+}
+
+#[test]
+fn a_recording_of_other_programs_is_tracked_and_scored() {
+    let recording = Recording::new();
+    let (planes, known, out) = (recording.at("planes.csv"), recording.at("known.csv"), recording.at("out"));
+    let more = ["--page", "1", "--field", "2", "--dt", "0.1", "--truth", path(&planes), path(&known)];
+    let arguments = recording.arguments("run.ome.tif", "scan.tif", &more);
+    let made = json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!((&made["frames"], &made["written"], &made["depths"]), (&6.into(), &6.into(), &21.into()));
+    assert_eq!(made["places"].as_array().unwrap().len(), 4, "{made}");
+    // Rays of gain 3.2 in counts of 24: 0.13 per count, of the background (10 / 24)^2, of rounding 1 / 12.
+    let noise: Vec<f64> =
+        made["noise"]["variance"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    assert!((0.15..0.5).contains(&noise[0]) && (0.05..0.25).contains(&noise[1]), "{noise:?}");
+    run(&["verify", path(&out)]);
+
+    let found = recording.at("found.csv");
+    run(&["track", path(&out), "--method", "ncc", "--out", path(&found)]);
+    let score: Value = json(&["evaluate", path(&out), path(&found)]);
+    let number = |part: &str, key: &str| score[part][key].as_f64().unwrap_or(f64::NAN);
+    // Steps of 4 um; all nine particles, of which four are known.
+    assert!(
+        number("planes", "share_within") > 0.95 && number("planes", "rmse_z_um") < 1.0,
+        "{}",
+        score["planes"]
+    );
+    assert!(number("planes", "n") >= 50.0, "{}", score["planes"]);
+    assert_eq!(number("detection", "recall"), 1.0);
+    assert!(number("detection", "rmse_xy_px") < 0.2, "{}", score["detection"]);
+    assert!(score["detection"]["precision"].is_null() && score["hota"].is_null(), "{}", score["detection"]);
+    assert!(score["unknown"][0].as_str().unwrap().starts_with("precision"), "{}", score["unknown"]);
+
+    for method in ["spots", "aptv", "piv"] {
+        run(&["track", path(&out), "--method", method, "--out", path(&found), "--force"]);
+    }
+    let no_model = fail(2, &["track", path(&out), "--method", "mle", "--out", path(&found), "--force"]);
+    assert!(no_model.contains("without a model of its optics"), "{no_model}");
+    let scores = recording.at("scores");
+    run(&["track", path(&out), "--method", "ncc", "--out", path(&found), "--force"]);
+    run(&["evaluate", path(&out), path(&found), "--out", path(&scores), "--report"]);
+    run(&["compare", path(&scores), "--out", path(&recording.at("leaderboard"))]);
+    run(&["export", path(&out), "--format", "trackpy", "--out", path(&recording.at("known.trackpy.csv"))]);
+}
+
+#[test]
+fn optics_make_mle_possible() {
+    let recording = Recording::new();
+    let scenario = "(name: \"o\", optics: (preset: setting1, magnification: 10, numerical_aperture: 0.3, focal_length: 350, \
+                    pixel_size: 6.45, gain: 0.13), particles: (number: count(1), diameter_um: constant(2)), \
+                    motion: flow(field: poiseuille()), timing: pairs(count: 1), boundaries: (z_um: (-60, 40)))";
+    std::fs::write(recording.at("optics.ron"), scenario).unwrap();
+    let (optics, planes, out) = (recording.at("optics.ron"), recording.at("planes.csv"), recording.at("out"));
+    let more = ["--page", "1", "--optics", path(&optics), "--truth", path(&planes)];
+    let arguments = recording.arguments("run.ome.tif", "scan.tif", &more);
+    run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    // Where the model's focus is on the axis of the stage is found.
+    let card = std::fs::read_to_string(out.join("README.md")).unwrap();
+    let zero: f64 =
+        card.split("of this model is at ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((zero - 12.0).abs() < 1.0, "{zero}");
+    let found = recording.at("found.csv");
+    run(&["track", path(&out), "--method", "mle", "--out", path(&found)]);
+    let score: Value = json(&["evaluate", path(&out), path(&found)]);
+    let of = |key: &str| score["planes"][key].as_f64().unwrap();
+    assert!(of("share_within") > 0.95 && of("rmse_z_um") < 1.5, "{}", score["planes"]);
+}
+
+#[test]
+fn whole_files_are_linked_or_copied_as_they_are() {
+    let recording = Recording::new();
+    let folder = recording.at("run");
+    std::fs::create_dir(&folder).unwrap();
+    let planes = recording.truth.planes(3).unwrap();
+    for (k, plane) in [4, 7, 13].into_iter().enumerate() {
+        write_eight_bit(&folder.join(format!("img{}.tif", 8 + k)), &[eight_bit(&planes[plane])], "a camera");
+    }
+    let arguments = recording.arguments("run", "scan.tif", &[]);
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let made = json(&arguments);
+    assert_eq!(made["linked"].as_u64().unwrap() + made["copied"].as_u64().unwrap(), 3);
+    // In natural order: img8, img9, img10.
+    let first = std::fs::read(recording.at("out/images/frame_00000.tif")).unwrap();
+    assert_eq!(first, std::fs::read(folder.join("img8.tif")).unwrap());
+    let copied = json(&[&arguments[..], &["--copy", "--force"]].concat());
+    assert_eq!(copied["copied"], 3);
+    let unknown = fail(2, &["evaluate", path(&recording.at("out")), path(&recording.at("known.csv"))]);
+    assert!(unknown.contains("nothing is known"), "{unknown}");
+}
+
+#[test]
+fn images_that_cannot_be_imported_are_refused_by_file_page_and_value() {
+    let recording = Recording::new();
+    let pixels = (SIDE * SIDE) as usize;
+    let file = |name: &str| File::create(recording.at(name)).unwrap();
+    TiffEncoder::new(file("float.tif"))
+        .unwrap()
+        .write_image::<Gray32Float>(SIDE, SIDE, &vec![1.0; pixels])
+        .unwrap();
+    TiffEncoder::new(file("color.tif"))
+        .unwrap()
+        .write_image::<RGB8>(SIDE, SIDE, &vec![1; 3 * pixels])
+        .unwrap();
+    write_pages(&recording.at("cropped.tif"), (100, 80), &[vec![300; 8000]]).unwrap();
+    std::fs::write(recording.at("text.tif"), "no image").unwrap();
+    std::fs::write(recording.at("late.csv"), "frame,z_um\n0,1\n9,2\n").unwrap();
+    std::fs::write(recording.at("beyond.csv"), "frame,x_px,y_px\n0,10,400\n").unwrap();
+    std::fs::write(recording.at("other.csv"), "time,depth\n0,10\n").unwrap();
+    for (images, more, found) in [
+        ("float.tif", vec![], "float.tif: page 0: floating-point numbers of 32 bit"),
+        ("color.tif", vec![], "color.tif: page 0: RGB(8)"),
+        ("cropped.tif", vec![], "cropped.tif: page 0: 100 x 80 px: expected 240 x 240 px, as the scan"),
+        ("text.tif", vec![], "text.tif: "),
+        ("nothing*.tif", vec![], "no file has such a name"),
+        ("run.ome.tif", vec![], "2 pages for each time (OME-XML): give --page K, 0 to 1"),
+        ("run.ome.tif", vec!["--page", "2"], "--page 2"),
+        (
+            "run.ome.tif",
+            vec!["--pages-per-time", "5", "--page", "0"],
+            "expected a multiple of --pages-per-time 5",
+        ),
+    ] {
+        let message = recording.refused(images, "scan.tif", &more);
+        assert!(message.contains(found), "{images}: {message}");
+    }
+    for (table, found) in [
+        ("late.csv", "late.csv:3: frame = 9: expected 0 to 5"),
+        ("beyond.csv", "beyond.csv:2: y_px = 400: expected 0.5 to 240.5"),
+        ("other.csv", "column frame is missing"),
+    ] {
+        let table = recording.at(table);
+        let message = recording.refused("run.ome.tif", "scan.tif", &["--page", "1", "--truth", path(&table)]);
+        assert!(message.contains(found), "{message}");
+    }
+}
+
+#[test]
+fn scans_without_single_particles_are_refused_and_poor_ones_are_warned_of() {
+    let recording = Recording::new();
+    let write = |name: &str, scan: &SimulatedScan, saturated: bool| {
+        // A camera of 10 bit.
+        let limit = |count: u16| if saturated { count.min(1023) } else { count };
+        let planes: Vec<Vec<u16>> =
+            scan.planes(1).unwrap().into_iter().map(|plane| plane.into_iter().map(limit).collect()).collect();
+        write_pages(&recording.at(name), (SIDE, SIDE), &planes).unwrap();
+    };
+    let step = |images: &str, scan: &str| {
+        let mut arguments = recording.arguments(images, scan, &["--page", "1"]);
+        let z = arguments.iter().position(|text| text == "--z").unwrap();
+        arguments[z] = "--z-step".to_owned();
+        arguments[z + 1] = "4".to_owned();
+        arguments
+    };
+    let refused =
+        |scan: &str| fail(2, &step("run.ome.tif", scan).iter().map(String::as_str).collect::<Vec<_>>());
+
+    write("saturated.tif", &target(), true);
+    let message = refused("saturated.tif");
+    assert!(message.contains("9 saturated") && message.contains("exposure"), "{message}");
+
+    // Pairs of particles side by side, each in another direction.
+    let twin = |(k, bead): (usize, &Bead)| {
+        let angle = 0.7 * k as f64;
+        let by = |sign: f64| Bead {
+            x_px: bead.x_px + sign * 1.6 * angle.cos(),
+            y_px: bead.y_px + sign * 1.6 * angle.sin(),
+            ..*bead
+        };
+        [by(1.0), by(-1.0)]
+    };
+    let beads = target().beads.iter().enumerate().flat_map(twin).collect();
+    write("doublets.tif", &SimulatedScan { beads, ..target() }, false);
+    let message = refused("doublets.tif");
+    assert!(message.contains("no single particle"), "{message}");
+
+    write("empty.tif", &SimulatedScan { beads: Vec::new(), ..target() }, false);
+    assert!(refused("empty.tif").contains("empty.tif: no particle found"), "{}", refused("empty.tif"));
+
+    let corner =
+        SimulatedScan { beads: vec![Bead { x_px: 4.0, y_px: 5.0, ..target().beads[0] }], ..target() };
+    write("corner.tif", &corner, false);
+    let message = refused("corner.tif");
+    assert!(message.contains("cut by the edge of the image, 0 too close"), "{message}");
+
+    write("one.tif", &SimulatedScan { beads: vec![target().beads[4]], ..target() }, false);
+    let arguments = step("run.ome.tif", "one.tif");
+    let made = json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let warnings = made["warnings"].to_string();
+    assert!(warnings.contains("one particle"), "{warnings}");
+    // Without repeated frames the noise of the light is unknown.
+    assert_eq!(
+        (made["noise"]["variance"].as_array().unwrap().len(), &made["noise"]["repeats"]),
+        (1, &1.into())
+    );
+
+    let mut without = recording.arguments("run.ome.tif", "scan.tif", &["--page", "1"]);
+    let z = without.iter().position(|text| text == "--z").unwrap();
+    without.drain(z..z + 2);
+    without.push("--force".to_owned());
+    let message = fail(2, &without.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(message.contains("stage positions are unknown; give --z FILE or --z-step UM"), "{message}");
+}
