@@ -73,6 +73,33 @@ fn vectors(moved: impl Fn(f64, f64) -> Option<f64>) -> String {
 }
 
 #[test]
+fn rounded_displacements_are_not_exact_in_the_shipped_suite() {
+    let place = tempfile::tempdir().unwrap();
+    let cases = [
+        ("gradient_0.05", 0.1),
+        ("gradient_0.1", 0.1),
+        ("gradient_0.2", 0.1),
+        ("loss_0", 0.5),
+        ("loss_0.5", 0.5),
+    ];
+    for (case, step) in cases {
+        let of = [
+            "suite", "generate", "odpc1", "--size", "small", "--split", "test", "--track", "V", "--case",
+            case,
+        ];
+        run(&[&of[..], &["--out", path(place.path()), "--resume", "--quiet"]].concat());
+        let file = place.path().join("V").join(case).join("test/truth/field.csv");
+        let text = std::fs::read_to_string(file).unwrap();
+        let column =
+            text.lines().next().unwrap().split(',').position(|name| name == "central_dx_px").unwrap();
+        let moved: Vec<f64> =
+            text.lines().skip(1).map(|row| row.split(',').nth(column).unwrap().parse().unwrap()).collect();
+        let is_round = |d: &&f64| (*d - step * (*d / step).round()).abs() < 0.02;
+        assert!(!moved.is_empty() && moved.iter().filter(is_round).count() * 10 < moved.len(), "{case}");
+    }
+}
+
+#[test]
 fn one_vector_and_a_field_of_zeros_rank_behind_an_honest_field() {
     let c = &*FIELDS;
     let results = c.place.path().join("results");

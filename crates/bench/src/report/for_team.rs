@@ -80,17 +80,27 @@ fn links(score: &Score) -> usize {
 }
 
 /// The score without what a few rows decide. In bins of depth, and by uncertainties that a result claims, one
-/// submission could ask about many particles at once.
+/// submission could ask about many particles at once. Errors of velocity have no upper limit: velocities that are
+/// wrong by 1, 2, 4, ... would be weights, and the RMS error would tell which of many moved rows are matched.
+/// HOTA at each threshold is a score at another gate.
 fn without_details(score: &Score) -> Score {
     let mut score = Score { curves: Vec::new(), gates: Vec::new(), uncertainty: None, ..score.clone() };
     if let Some(orientation) = score.orientation.as_mut().filter(|orientation| orientation.n < FEWEST) {
         let Orientation { n_true, n, mean_all_deg, guess_deg, .. } = *orientation;
         *orientation = Orientation { n_true, n, mean_all_deg, guess_deg, ..Orientation::default() };
     }
-    if links(&score) < FEWEST
-        && let Some(lpt) = &mut score.lpt
-    {
-        (lpt.motion, lpt.interval) = Default::default();
+    if let Some(hota) = &mut score.hota {
+        hota.curve.clear();
+    }
+    let few_links = links(&score) < FEWEST;
+    if let Some(lpt) = &mut score.lpt {
+        if few_links {
+            (lpt.motion, lpt.interval) = Default::default();
+        }
+        let motion = &mut lpt.motion;
+        (motion.velocity_rms_um_s, motion.velocity_rms_relative, motion.velocity_rms_z_um_s) =
+            Default::default();
+        lpt.interval.velocity_rms_um_s = None;
     }
     if let Some(field) = &mut score.field {
         for errors in field.truths.values_mut().chain([&mut field.main]) {
@@ -204,6 +214,7 @@ mod tests {
     use super::*;
     use scoring::evaluate::PositionUncertainty;
     use scoring::evaluate::curves::{Bin, Curve};
+    use scoring::evaluate::hota::Hota;
     use scoring::evaluate::links::Links;
     use scoring::evaluate::lpt::Lpt;
     use scoring::evaluate::motion::Motion;
@@ -237,6 +248,29 @@ mod tests {
             rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.17 }))["displacement_bias_x_px"],
             0.2
         );
+    }
+
+    #[test]
+    fn velocities_and_thresholds_are_no_questions_about_many_rows() {
+        let motion = Motion {
+            velocity_rms_um_s: Some(75_800.0),
+            velocity_rms_relative: Some(233.0),
+            velocity_rms_z_um_s: Some(12.0),
+            displacement_rms_px: Some(0.3),
+            ..Motion::default()
+        };
+        let mut lpt = Lpt { motion, ..Lpt::default() };
+        lpt.interval.velocity_rms_um_s = Some([17_200.0, 124_000.0]);
+        let kept = without_details(&Score {
+            links: Some(Links { tp: 400, ..Links::default() }),
+            lpt: Some(lpt),
+            hota: Some(Hota { hota: Some(0.9), curve: vec![0.9; 19], ..Hota::default() }),
+            ..Score::default()
+        });
+        let (lpt, hota) = (kept.lpt.unwrap(), kept.hota.unwrap());
+        assert_eq!(lpt.motion, Motion { displacement_rms_px: Some(0.3), ..Motion::default() });
+        assert_eq!((lpt.interval.velocity_rms_um_s, hota.hota), (None, Some(0.9)));
+        assert!(hota.curve.is_empty());
     }
 
     #[test]

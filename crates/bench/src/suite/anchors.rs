@@ -60,7 +60,7 @@ struct Given<'a> {
 /// Makes an anchor; `None` if it does not apply to the case.
 type Make = fn(&Given<'_>) -> Option<Points>;
 
-const OF_PARTICLES: [(&str, Against, Make); 12] = [
+const OF_PARTICLES: [(&str, Against, Make); 13] = [
     ("empty", Against::All, |_| Some(Points { has_z: true, ..Points::default() })),
     ("one-row", Against::All, |given| {
         Some(of_rows(vec![TrackRow { track: -1, ..given.truth.rows[0] }], None))
@@ -76,6 +76,7 @@ const OF_PARTICLES: [(&str, Against, Make); 12] = [
     ("constant-depth", Against::Source, constant_depth),
     ("cut-frames", Against::Source, cut_frames),
     ("cut-worst", Against::NotBefore, cut_worst),
+    ("answers-around", Against::NotBefore, answers_around),
     ("one-velocity", Against::NotBefore, one_velocity),
     ("constant-claims", Against::NotBefore, constant_claims),
 ];
@@ -180,22 +181,41 @@ fn cut_frames(given: &Given<'_>) -> Option<Points> {
     let unit = |frame: u32| if given.truth.facts.pairs { frame / 2 } else { frame };
     let all: BTreeSet<u32> = frames(&given.truth).into_iter().map(unit).collect();
     let cut: BTreeSet<u32> = all.iter().copied().take((2 * all.len()).div_ceil(5)).collect();
-    let mut left = kept(points, |_, row| !cut.contains(&unit(row.frame)));
+    let left = kept(points, |_, row| !cut.contains(&unit(row.frame)));
     let ghosts = frames(&given.truth).into_iter().filter(|frame| cut.contains(&unit(*frame))).map(ghost);
-    left.rows.extend(ghosts);
-    let n = left.rows.len();
-    // What else a result has is missing for ghosts.
-    if !left.sigma.is_empty() {
-        left.sigma.resize(n, [f64::NAN; 3]);
+    Some(with_rows(left, ghosts))
+}
+
+/// A result with more rows; what else it has is missing for these.
+fn with_rows(mut points: Points, more: impl Iterator<Item = TrackRow>) -> Points {
+    points.rows.extend(more);
+    let n = points.rows.len();
+    if !points.sigma.is_empty() {
+        points.sigma.resize(n, [f64::NAN; 3]);
     }
-    if let Some(velocities) = &mut left.velocities {
+    if let Some(velocities) = &mut points.velocities {
         velocities.rows.resize(n, [f64::NAN; 3]);
     }
-    if !left.axes.is_empty() {
-        left.axes.resize(n, AXIS);
+    if !points.axes.is_empty() {
+        points.axes.resize(n, AXIS);
     }
-    left.boxes.clear();
-    Some(left)
+    points.boxes.clear();
+    points
+}
+
+/// The best result with four more rows around each, so that their gates touch. Where few particles are found, this
+/// raises F1.
+fn answers_around(given: &Given<'_>) -> Option<Points> {
+    let (_, points) = given.best.as_ref()?;
+    let step = 1.4 * given.gate_px;
+    let around = points.rows.iter().flat_map(|row| {
+        [(step, 0.0), (0.0, step), (-step, 0.0), (0.0, -step)].map(|(dx, dy)| TrackRow {
+            track: -1,
+            at: Position { x_px: row.at.x_px + dx, y_px: row.at.y_px + dy, ..row.at },
+            ..*row
+        })
+    });
+    Some(with_rows(points.clone(), around))
 }
 
 /// The best result without the 10 % of its matches with the largest errors.

@@ -9,6 +9,9 @@
 //!
 //! A true particle whose gate contains a ghost in addition to its match counts as missed where errors are
 //! compared: of several answers the nearest one is matched, so that many answers would give a small error.
+//! One with a ghost within twice its gate does not count as found where F1 is compared: an additional row raises
+//! F1 if its chance of a match exceeds F1 / 2, so that a poor result would gain by several answers around each
+//! particle, with gates that touch.
 
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +34,8 @@ pub(crate) const MISSED: f32 = -1.0;
 pub struct UnitScores {
     /// TP, FN and FP.
     pub(crate) detection: Vec<[f64; 3]>,
+    /// TP that have a ghost within twice their gate; empty in files of earlier versions.
+    pub(crate) beside: Vec<f64>,
     /// Correct links, true links, links of the result.
     pub(crate) links: Vec<[f64; 3]>,
     /// Points of truth and result, then matches and association at each threshold of HOTA.
@@ -61,7 +66,7 @@ impl UnitScores {
     /// Whether all numbers are finite and every particle has a unit; a file may have been changed.
     pub fn is_sound(&self) -> bool {
         let flat = [&self.detection, &self.links, &self.isbi].into_iter().flatten().flatten();
-        let more = self.angles.iter().flatten().chain(self.nodes.iter().flatten());
+        let more = self.angles.iter().flatten().chain(self.nodes.iter().flatten()).chain(&self.beside);
         let mut sums = flat.chain(more).chain(self.hota.iter().flatten());
         let mut errors = [&self.xy, &self.z, &self.velocity].into_iter().flatten();
         let units = self.detection.len();
@@ -126,8 +131,12 @@ impl Divided<'_> {
     pub(super) fn points(&self) -> UnitScores {
         let (t, r) = self.clouds;
         let n = self.units();
-        let mut sums =
-            UnitScores { detection: vec![[0.0; 3]; n], links: vec![[0.0; 3]; n], ..Default::default() };
+        let mut sums = UnitScores {
+            detection: vec![[0.0; 3]; n],
+            beside: vec![0.0; n],
+            links: vec![[0.0; 3]; n],
+            ..Default::default()
+        };
         sums.unit = (0..t.len()).map(|i| self.unit_of(i) as u32).collect();
         let ambiguous = self.ambiguous();
         let squared = |i: usize, axes: &[usize]| {
@@ -142,9 +151,10 @@ impl Divided<'_> {
         if self.depth {
             sums.z = (0..t.len()).map(|i| squared(i, &[2])).collect();
         }
-        for i in 0..t.len() {
-            let is_missed = self.matching.of_truth[i] == NONE;
-            sums.detection[self.unit_of(i)][usize::from(is_missed)] += 1.0;
+        for (i, has_ghost) in self.with_ghost(2.0).into_iter().enumerate() {
+            let (unit, is_missed) = (self.unit_of(i), self.matching.of_truth[i] == NONE);
+            sums.detection[unit][usize::from(is_missed)] += 1.0;
+            sums.beside[unit] += f64::from(u8::from(has_ghost && !is_missed));
         }
         let mut near = vec![None; r.len()];
         for pair in &self.candidates.pairs {
@@ -171,12 +181,17 @@ impl Divided<'_> {
 
     /// Whether the gate of a true particle contains a ghost.
     pub(super) fn ambiguous(&self) -> Vec<bool> {
-        let mut ambiguous = vec![false; self.clouds.0.len()];
+        self.with_ghost(1.0)
+    }
+
+    /// Whether a true particle has a ghost within so many gates, at most two.
+    fn with_ghost(&self, gates: f64) -> Vec<bool> {
+        let mut near = vec![false; self.clouds.0.len()];
         for pair in &self.candidates.pairs {
             let is_ghost = self.matching.of_result[pair.result as usize] == NONE;
-            ambiguous[pair.truth as usize] |= is_ghost && pair.squared < 1.0;
+            near[pair.truth as usize] |= is_ghost && pair.squared < gates * gates;
         }
-        ambiguous
+        near
     }
 
     /// Sums of HOTA from those of true tracks.

@@ -8,8 +8,10 @@
 //! Errors of found particles: the number of true particles that are nearer in one result against the number
 //! nearer in the other; a missed particle is never nearer. An RMS error over the found particles would favor
 //! a result that omits its worst ones; this comparison does not, against any other result. A particle
-//! counts as nearer if its error is at least 10 % smaller: without this, a shift by a thousandth of the bias
-//! would make the majority of all particles nearer.
+//! counts as nearer if its error is smaller by more than a tenth of the median error: without this, a shift by a
+//! thousandth of the bias would make the majority of all particles nearer. The same difference for all particles,
+//! because a ratio (an error 10 % smaller) favors a result with random numbers added: of errors of 1, those that
+//! become 0.89 are 10 % smaller, but 1 is not 10 % smaller than those that become 1.11.
 //!
 //! Fewer than five units have no interval: there, a result is better if it is better in some resample and worse
 //! in none. Without units (scores of
@@ -51,8 +53,8 @@ impl Draws {
 enum Compared<'a> {
     /// Number of units, and the merit in each resample.
     Resampled(usize, Vec<f64>),
-    /// Squared errors of true particles, and the unit of each.
-    Errors(&'a [u32], &'a [f32]),
+    /// Unit and squared error of every true particle, and the median error of those that are found.
+    Errors(&'a [u32], &'a [f32], f32),
     /// Only value and interval.
     Interval,
 }
@@ -85,15 +87,19 @@ impl<'a> Paired<'a> {
         if let Some(errors) = errors {
             let compared = match errors.is_empty() || errors.len() != units.unit.len() {
                 true => Compared::Interval,
-                false => Compared::Errors(&units.unit, errors),
+                false => Compared::Errors(&units.unit, errors, median(errors)),
             };
             return Paired { compared, ..whole };
         }
         let of = |value: Option<f64>| value.map_or(f64::NEG_INFINITY, |value| better.merit(value));
         let compared = match metric {
-            Metric::F1 => resampled(&units.detection, draws, |[tp, missed, fp]| {
-                of(ratio(2.0 * tp, 2.0 * tp + missed + fp))
-            }),
+            Metric::F1 => {
+                let beside = units.beside.iter().copied().chain(std::iter::repeat(0.0));
+                let of_unit =
+                    |([tp, missed, fp], beside): (&[f64; 3], f64)| [tp - beside, 2.0 * tp + missed + fp];
+                let sums: Vec<[f64; 2]> = units.detection.iter().zip(beside).map(of_unit).collect();
+                resampled(&sums, draws, |[found, all]| of(ratio(2.0 * found, all)))
+            }
             Metric::Recall | Metric::LptCorrect => {
                 resampled(&units.detection, draws, |[tp, missed, _]| of(ratio(tp, tp + missed)))
             }
@@ -135,8 +141,8 @@ impl<'a> Paired<'a> {
                 let differences = a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b });
                 is_above_zero(*n, differences.collect())
             }
-            (Compared::Errors(units, a), Compared::Errors(same, b)) if units == same => {
-                is_nearer(units, (a, b), draws)
+            (Compared::Errors(units, a, m), Compared::Errors(same, b, n)) if units == same => {
+                is_nearer(units, (a, b), NEARER * m.min(*n), draws)
             }
             _ => match self.interval.zip(other.interval) {
                 Some(([low, _], [_, high])) => low > high,
@@ -176,19 +182,27 @@ fn is_above_zero(units: usize, mut differences: Vec<f64>) -> bool {
     quantile(&differences, 0.025).is_some_and(|low| low > 0.0)
 }
 
-/// Ratio of two errors below which one particle is nearer than the other.
-const NEARER: f32 = 0.9;
+/// Median error, from squared errors; 0 if none is known.
+fn median(squared: &[f32]) -> f32 {
+    let mut found: Vec<f64> =
+        squared.iter().filter(|error| **error != MISSED).map(|error| f64::from(error.sqrt())).collect();
+    found.sort_unstable_by(f64::total_cmp);
+    quantile(&found, 0.5).unwrap_or(0.0) as f32
+}
 
-/// Whether significantly more true particles are nearer in the first than in the second.
-fn is_nearer(units: &[u32], (a, b): (&[f32], &[f32]), draws: &Draws) -> bool {
+/// Difference of two errors above which one particle is nearer than the other, in units of the smaller median
+/// error of both results.
+const NEARER: f32 = 0.1;
+
+/// Whether significantly more true particles are nearer by a margin in the first than in the second.
+fn is_nearer(units: &[u32], (a, b): (&[f32], &[f32]), margin: f32, draws: &Draws) -> bool {
     let n = units.iter().max().map_or(0, |last| *last as usize + 1);
     let mut wins = vec![0.0; n];
-    let distance = |error: f32| if error == MISSED { f32::INFINITY } else { error };
     // The errors are squared.
-    let is_nearer = |a: f32, b: f32| a < NEARER * NEARER * b;
+    let distance = |error: f32| if error == MISSED { f32::INFINITY } else { error.sqrt() };
     for ((unit, a), b) in units.iter().zip(a).zip(b) {
         let (a, b) = (distance(*a), distance(*b));
-        wins[*unit as usize] += f64::from(i8::from(is_nearer(a, b)) - i8::from(is_nearer(b, a)));
+        wins[*unit as usize] += f64::from(i8::from(b - a > margin) - i8::from(a - b > margin));
     }
     let of_resample =
         |counts: &Vec<u16>| counts.iter().zip(&wins).map(|(count, wins)| f64::from(*count) * wins).sum();

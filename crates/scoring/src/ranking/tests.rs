@@ -138,6 +138,23 @@ fn answers_beside_each_other_are_no_better_than_one() {
 }
 
 #[test]
+fn answers_around_each_particle_gain_nothing() {
+    // A tracker with errors of up to three gates along y: F1 is a third.
+    let mut own = genuine();
+    own.rows.iter_mut().enumerate().for_each(|(i, row)| row.at.y_px += 12.0 * chance(13, i as u32) - 6.0);
+    for distance in [3.0, 4.0] {
+        let around = own.rows.iter().flat_map(|row| {
+            let at = |y_px: f64| (row.frame, Position { y_px, ..row.at });
+            [at(row.at.y_px - distance), at(row.at.y_px + distance)]
+        });
+        let hedged = with_ghosts(&own, around);
+        let [own_f1, f1] = [&own, &hedged].map(|points| scored(points).score.detection.unwrap().f1.unwrap());
+        assert!(own_f1 < f1, "{own_f1} {f1}");
+        assert!(is_behind(&own, &hedged, &[Metric::F1]), "{distance}");
+    }
+}
+
+#[test]
 fn a_velocity_claimed_for_one_row_gains_nothing() {
     let own = genuine();
     let truth = truth();
@@ -237,4 +254,16 @@ fn a_tiny_shift_toward_the_truth_gains_nothing() {
     // One that removes the bias does.
     shifted.rows.iter_mut().for_each(|row| row.at.z_um -= 0.999);
     assert!(is_behind(&shifted, &own, &[Metric::SigmaZOverH]));
+}
+
+#[test]
+fn random_numbers_added_to_a_biased_result_gain_nothing() {
+    let mut own = Points { rows: rows(), has_z: true, ..Points::default() };
+    own.rows.iter_mut().enumerate().for_each(|(i, row)| row.at.z_um += 1.95 + 0.1 * chance(15, i as u32));
+    for size in [0.21, 0.6] {
+        let mut moved = own.clone();
+        let sign = |i: usize| if chance(16, i as u32) < 0.5 { -1.0 } else { 1.0 };
+        moved.rows.iter_mut().enumerate().for_each(|(i, row)| row.at.z_um += size * sign(i));
+        assert!(!is_behind(&moved, &own, &[Metric::SigmaZOverH]), "{size}");
+    }
 }
