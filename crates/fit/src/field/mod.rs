@@ -249,18 +249,8 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let undetermined =
         || Error::input("the particles do not determine the laws of the field: they must be spread over it");
     let laws = Laws::of(&evidence(&fits)).ok_or_else(undetermined)?;
-    // Once more about the laws, where the quadratic approximations hold for all particles.
     watch("laws of the field: refinement");
-    let mut refined = fits.clone();
-    for &k in &singles {
-        let start = laws.at(places[k], &fits[k].local);
-        let at_laws = subjects[k].fit_at(&start, &FREE, FINE)?;
-        let mut local = start;
-        if let Some(step) = at_laws.quadratic.matrix.solve(&at_laws.quadratic.right) {
-            FREE.iter().zip(step).for_each(|(&quantity, by)| local[quantity] += by);
-        }
-        refined[k] = Fit { local, ..at_laws };
-    }
+    let refined = about_laws(&subjects, &fits, &singles, |k| laws.at(places[k], &fits[k].local))?;
     let laws = Laws::of(&evidence(&refined)).ok_or_else(undetermined)?;
     watch("images by the laws");
     let of_laws: Vec<Fit> = (0..fits.len())
@@ -279,6 +269,26 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
         found,
     };
     result.files(&fits, &is_single, &laws, &of_laws)
+}
+
+/// Fits of single particles by one step from the laws, where the quadratic approximations hold for all of
+/// them.
+fn about_laws(
+    subjects: &[Subject],
+    fits: &[Fit],
+    singles: &[usize],
+    at_laws: impl Fn(usize) -> Local,
+) -> Result<Vec<Fit>> {
+    let mut refined = fits.to_vec();
+    for &k in singles {
+        let fit = subjects[k].fit_at(&at_laws(k), &FREE, FINE)?;
+        let mut local = fit.local;
+        if let Some(step) = fit.quadratic.matrix.solve(&fit.quadratic.right) {
+            FREE.iter().zip(step).for_each(|(&quantity, by)| local[quantity] += by);
+        }
+        refined[k] = Fit { local, ..fit };
+    }
+    Ok(refined)
 }
 
 /// Windows around all particles that are far enough from the edge and not saturated.
@@ -377,8 +387,8 @@ struct Outcome<'a> {
 }
 
 impl Outcome<'_> {
-    fn files(self, fits: &[Fit], is_single: &[bool], laws: &Laws, of_laws: &[Fit]) -> Result<FieldFiles> {
-        let Outcome { scan, options, frames, subjects, places, candidates, found } = self;
+    fn files(&self, fits: &[Fit], is_single: &[bool], laws: &Laws, of_laws: &[Fit]) -> Result<FieldFiles> {
+        let Outcome { scan, options, frames, subjects, places, candidates, .. } = self;
         let repeats = frames.repeats.iter().sum::<usize>() as f64 / frames.repeats.len() as f64;
         let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
         let light: Vec<([f64; 2], f64)> = singles.iter().map(|&k| (places[k], of_laws[k].light())).collect();
@@ -420,29 +430,7 @@ impl Outcome<'_> {
             .collect();
         let mean_r2 = singles.iter().map(|&k| of_laws[k].r2()).sum::<f64>() / singles.len() as f64;
         let chi2 = median(singles.iter().map(|&k| of_frame(of_laws[k].chi2(), repeats)).collect());
-        let mut warnings = scan.warnings.clone();
-        if !frames.is_noise_measured {
-            warnings.push(
-                "the scan has no repeated frames: only the noise of the background is known, so chi2 and intervals are too large \
-                 and too small where images are bright"
-                    .to_owned(),
-            );
-        }
-        let doubtful = fits.len() - singles.len();
-        if doubtful > 0 {
-            warnings.push(format!(
-                "{doubtful} of {} particles are not described as single ones (two, or dirty) and are left out",
-                fits.len()
-            ));
-        }
-        if found > fits.len() {
-            warnings.push(format!("{} of {found} particles are used, spread over the field", fits.len()));
-        }
-        warnings.push(format!(
-            "the direction of the stage ({} the lens) is taken as given: reversed, images are the same with aberrations of the \
-             opposite sign",
-            if options.direction > 0.0 { "away from" } else { "toward" }
-        ));
+        let warnings = self.warnings(fits.len(), singles.len());
         let noise = frames.noise;
         let stage = |f: fn(f64, f64) -> f64, start: f64| {
             frames.stage_um.iter().map(|s| options.direction * (s - laws.focus_um())).fold(start, f)
@@ -483,6 +471,33 @@ impl Outcome<'_> {
             ("particles.csv", output::table(&fitted)),
         ];
         Ok(FieldFiles { fitted, images, files })
+    }
+
+    fn warnings(&self, particles: usize, singles: usize) -> Vec<String> {
+        let mut warnings = self.scan.warnings.clone();
+        if !self.frames.is_noise_measured {
+            warnings.push(
+                "the scan has no repeated frames: only the noise of the background is known, so chi2 and intervals are too large \
+                 and too small where images are bright"
+                    .to_owned(),
+            );
+        }
+        let doubtful = particles - singles;
+        if doubtful > 0 {
+            warnings.push(format!(
+                "{doubtful} of {} particles are not described as single ones (two, or dirty) and are left out",
+                particles
+            ));
+        }
+        if self.found > particles {
+            warnings.push(format!("{particles} of {} particles are used, spread over the field", self.found));
+        }
+        warnings.push(format!(
+            "the direction of the stage ({} the lens) is taken as given: reversed, images are the same with aberrations of the \
+             opposite sign",
+            if self.options.direction > 0.0 { "away from" } else { "toward" }
+        ));
+        warnings
     }
 }
 

@@ -83,6 +83,10 @@ impl Fit {
     }
 }
 
+/// Distance from the focus (um), and light with its derivatives along x and y, per light, on the pixels of a
+/// window.
+type Image = (f64, Vec<[f64; 3]>);
+
 /// One plane's data.
 struct Data {
     counts: Vec<f64>,
@@ -124,7 +128,7 @@ impl Subject<'_> {
     }
 
     /// Images per light, with derivatives along x and y, of all planes.
-    fn images(&self, local: &Local, tolerance: f64) -> Result<Vec<(f64, Vec<[f64; 3]>)>> {
+    fn images(&self, local: &Local, tolerance: f64) -> Result<Vec<Image>> {
         let stage = |plane: &usize| self.frames.stage_um[*plane];
         let depths: Vec<f64> =
             self.planes.iter().map(|plane| self.instrument.depth_um(local, stage(plane))).collect();
@@ -144,7 +148,7 @@ impl Subject<'_> {
     /// How well the model agrees at a state.
     pub(super) fn seen(&self, local: &Local, tolerance: f64) -> Result<Vec<Seen>> {
         let images = self.images(local, tolerance)?;
-        let seen = |(index, (_, image)): (usize, &(f64, Vec<[f64; 3]>))| {
+        let seen = |(index, (_, image)): (usize, &Image)| {
             let data = self.data(index);
             let shape: Vec<f64> = image.iter().map(|value| value[0]).collect();
             see(&data, &shape)
@@ -155,7 +159,7 @@ impl Subject<'_> {
     /// Misfit and normal equations for the quantities `free` at a state.
     pub(super) fn fit_at(&self, local: &Local, free: &[usize], tolerance: f64) -> Result<Fit> {
         let base = self.images(local, tolerance)?;
-        let mut moved: Vec<Option<Vec<(f64, Vec<[f64; 3]>)>>> = Vec::with_capacity(free.len());
+        let mut moved: Vec<Option<Vec<Image>>> = Vec::with_capacity(free.len());
         for &quantity in free {
             let step = QUANTITIES[quantity].1;
             moved.push(if step > 0.0 {

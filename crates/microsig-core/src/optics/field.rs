@@ -247,15 +247,17 @@ impl FieldOptics {
         }
         let r2 = |[x, y]: &[f64; 2]| x * x + y * y;
         let farthest2 = ends.iter().map(r2).fold(0.0, f64::max);
+        // What is not a number has been reported.
+        let at_most = |value: f64, most: f64| value <= most || value.is_nan();
         let of_corner = |value: f64| value * farthest2;
         unless(
-            !(of_corner(self.light_per_mm2) <= -1.0),
+            at_most(-of_corner(self.light_per_mm2), 0.999_999),
             "light_per_mm2",
             self.light_per_mm2,
             &format!("more than {:.4}, as light would be negative in a corner", -1.0 / farthest2),
         );
         unless(
-            !(of_corner(narrowing) > 1.0 - NARROWEST),
+            at_most(of_corner(narrowing), 1.0 - NARROWEST),
             "vignetting.meridional_per_mm2",
             narrowing,
             &format!(
@@ -264,7 +266,7 @@ impl FieldOptics {
             ),
         );
         unless(
-            !(of_corner(self.distortion_per_mm2).abs() > 0.5),
+            at_most(of_corner(self.distortion_per_mm2).abs(), 0.5),
             "distortion_per_mm2",
             self.distortion_per_mm2,
             &format!("an absolute value of at most {:.4}, half the distance of a corner", 0.5 / farthest2),
@@ -276,7 +278,7 @@ impl FieldOptics {
         };
         let most = ends.iter().map(waves).fold(0.0, f64::max);
         unless(
-            !(most > MAX_WAVES),
+            at_most(most, MAX_WAVES),
             "coma",
             most,
             "coma and astigmatism that sum to at most 5 waves rms anywhere in the field",

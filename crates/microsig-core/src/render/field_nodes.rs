@@ -88,8 +88,8 @@ impl FieldNodes {
         };
         let (of_x, of_y) = (chebyshev(x), chebyshev(y));
         let mut basis = Vec::with_capacity(self.count());
-        for i in 0..=self.degree {
-            basis.extend((0..=self.degree - i).map(|j| of_x[i] * of_y[j]));
+        for (i, of_x) in of_x.iter().enumerate().take(self.degree + 1) {
+            basis.extend(of_y[..=self.degree - i].iter().map(|of_y| of_x * of_y));
         }
         basis
     }

@@ -20,6 +20,7 @@ use crate::settings::Settings;
 
 /// How images are computed, with options that are independent of the settings.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there is one per renderer")]
 pub enum RenderMethod {
     /// Counts of discrete rays, the paper's method.
     Rays {
