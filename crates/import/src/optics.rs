@@ -22,7 +22,10 @@ use super::stacks::Stacks;
 const PER_STEP: usize = 4;
 
 /// How far beyond the ends of the scan the model is computed, as a share of its length.
-const BEYOND: f64 = 0.5;
+const BEYOND: f64 = 0.25;
+
+/// Error of its images relative to their peaks: a correlation hardly depends on it, the time very much.
+const TOLERANCE: f64 = 0.02;
 
 /// Least correlation of model and stack: below the first an error, below the second a warning.
 const LEAST: (f64, f64) = (0.6, 0.95);
@@ -83,7 +86,7 @@ impl Optics {
         let reach = BEYOND * (high - low);
         let n = ((high - low + 2.0 * reach) / step) as usize + 1;
         let first = low - reach;
-        let renderer = scenario.spec.renderer().for_depth_scans().build(&settings, &context())?;
+        let renderer = scenario.spec.renderer().with_derivatives(TOLERANCE).build(&settings, &context())?;
         let middle = f64::from(side / 2 + 1);
         let at = |k: usize| Particle::sphere(middle, middle, (first + step * k as f64) / depth_factor, d_um);
         let particles: Vec<Particle> = (0..n).map(at).collect();
