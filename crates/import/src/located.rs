@@ -1,5 +1,6 @@
 //! Finds the particles of a scan: maxima over depth of band-pass filtered planes, in which the sharp image of
-//! a particle stands out and the wide ones of others do not.
+//! a particle stands out and the wide ones of others do not. All particles are in one plane, so maxima at other
+//! depths are parts of defocused images, such as bright rings.
 
 use fit::Scan;
 use rayon::prelude::*;
@@ -16,6 +17,9 @@ const WIDE_PX: f32 = 5.0;
 /// median maximum.
 const ABOVE_NOISE: f32 = 12.0;
 const OF_MEDIAN: f32 = 0.15;
+
+/// Largest distance of the depth of a maximum from that of most light, as a share of the length of the scan.
+const OF_DEPTHS: f64 = 0.15;
 
 /// No other maximum is this close, px.
 const APART_PX: usize = 3;
@@ -43,22 +47,30 @@ impl Located {
             GrayImage::from_fn(size, |x, y| f32::from(counts[y * size.0 + x]))
         };
         let backgrounds: Vec<(f32, f32)> = levels.par_iter().map(|level| plane(level).background()).collect();
-        let filtered = |level: &Level| {
+        let filtered = |(depth, level): (usize, &Level)| {
             let image = plane(level);
             let (mut narrow, wide) = (image.smoothed(NARROW_PX), image.smoothed(WIDE_PX));
             narrow.counts.iter_mut().zip(&wide.counts).for_each(|(n, w)| *n -= w);
-            narrow.counts
+            narrow.counts.into_iter().map(|count| (count, depth)).collect::<Vec<_>>()
         };
-        let nothing = || vec![f32::MIN; size.0 * size.1];
-        let larger = |mut a: Vec<f32>, b: Vec<f32>| {
-            a.iter_mut().zip(&b).for_each(|(a, b)| *a = a.max(*b));
+        let nothing = || vec![(f32::MIN, 0); size.0 * size.1];
+        // Of equal values the first, so that the result does not depend on the order of the threads.
+        let is_larger = |a: (f32, usize), b: (f32, usize)| a.0 > b.0 || (a.0 == b.0 && a.1 < b.1);
+        let larger = |mut a: Vec<(f32, usize)>, b: Vec<(f32, usize)>| {
+            a.iter_mut().zip(b).filter(|(a, b)| is_larger(*b, **a)).for_each(|(a, b)| *a = b);
             a
         };
-        let map = levels.par_iter().map(filtered).reduce(nothing, larger);
-        let map = GrayImage { width: size.0, height: size.1, counts: map };
+        let sharpest = levels.par_iter().enumerate().map(filtered).reduce(nothing, larger);
+        let counts = sharpest.iter().map(|(count, _)| *count).collect();
+        let map = GrayImage { width: size.0, height: size.1, counts };
         let (level, noise) = map.background();
         let mut found = maxima(&map, level + ABOVE_NOISE * noise.max(f32::MIN_POSITIVE));
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let z_um = |at: &[f64; 2]| levels[sharpest[at[1] as usize * size.0 + at[0] as usize].1].z_um;
+        if let Some(plane_um) = median_depth(found.iter().map(|(value, at)| (z_um(at), *value))) {
+            let range_um = levels[levels.len() - 1].z_um - levels[0].z_um;
+            found.retain(|(_, at)| (z_um(at) - plane_um).abs() <= OF_DEPTHS * range_um);
+        }
         let least = found.get(found.len() / 2).map_or(0.0, |(median, _)| OF_MEDIAN * median);
         found.retain(|(value, _)| *value >= least);
         if found.is_empty() {
@@ -76,6 +88,19 @@ impl Located {
             background_noise: median(|b| b.1),
         })
     }
+}
+
+/// Median of depths with weights.
+fn median_depth(depths: impl Iterator<Item = (f64, f32)>) -> Option<f64> {
+    let mut sorted: Vec<(f64, f32)> = depths.collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * sorted.iter().map(|(_, weight)| weight).sum::<f32>();
+    let mut sum = 0.0;
+    let reaches = |(_, weight): &&(f64, f32)| {
+        sum += weight;
+        sum >= half
+    };
+    sorted.iter().find(reaches).map(|(z_um, _)| *z_um)
 }
 
 /// Local maxima above a threshold, with their values.
