@@ -107,7 +107,7 @@ fn colors_and_missing_or_impossible_options_are_refused() {
         encoder.write_image::<tiff::encoder::colortype::RGB8>(4, 4, &[9; 48]).unwrap();
     }
     let color = fail(2, &[&arguments(&scan, &out)[..], &["--z-step", "5"]].concat());
-    assert!(color.contains("page 0 is RGB(8): expected gray counts of 8 or 16 bit"), "{color}");
+    assert!(color.contains("page 0: RGB(8): expected gray counts of 8 or 16 bit"), "{color}");
 
     write_pages(&scan, (61, 61), &single(9).planes(1).unwrap()).unwrap();
     let (scan, out) = (path(&scan), path(&out));

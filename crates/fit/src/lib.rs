@@ -27,6 +27,7 @@ mod outcome;
 mod output;
 mod particles;
 mod rejection;
+mod repeats;
 mod scan;
 mod search;
 mod state;
@@ -48,7 +49,8 @@ pub use field::{Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, Fi
 pub use images::Watch;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
-pub use scan::{Scan, StagePositions};
+pub use repeats::noise_of_repeats;
+pub use scan::{Level, Scan, StagePositions};
 use storage::error::Result;
 pub use waves::WaveModel;
 
@@ -108,7 +110,7 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
         Some(places) => particles::given(places),
-        None => particles::find(scan, background, particles::OF_BRIGHTEST)?,
+        None => particles::find(scan, background)?,
     };
     let half = options.half_window.unwrap_or_else(|| particles::half_width(scan, background, &candidates));
     let windows = particles::windows(scan, &candidates, half)?;
@@ -203,7 +205,7 @@ fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFile
     let misfits = problem.misfits(state, None)?;
     let fitted = Fitted::of(&run, &misfits, &covariance, &resampled, options);
     let mut files = vec![
-        output::settings(&fitted)?,
+        output::settings(&fitted.settings)?,
         output::parameters(&fitted)?,
         output::scenario(&fitted, options.given.depth_factor, &state.microscope),
     ];

@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use microsig_core::Settings;
 use microsig_core::formats::settings_file;
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray16, Gray32Float};
@@ -11,7 +12,7 @@ use super::images::Problem;
 use super::optics::Microscope;
 use super::outcome::Fitted;
 use super::state::State;
-use super::waves::Waves;
+use super::waves::{WaveModel, Waves};
 use storage::error::{Error, Result};
 
 /// Minimum number of particles of the scenario; the largest displacement in a pair of its images (px) and the
@@ -24,9 +25,9 @@ const DT_S: f64 = 0.005;
 pub(super) type OutputFile = (&'static str, Vec<u8>);
 
 /// MicroSIG's settings file.
-pub(super) fn settings(fitted: &Fitted) -> Result<OutputFile> {
+pub(super) fn settings(settings: &Settings) -> Result<OutputFile> {
     let mut bytes = Vec::new();
-    settings_file::write(&mut bytes, &fitted.settings).map_err(Error::write(Path::new("settings.txt")))?;
+    settings_file::write(&mut bytes, settings).map_err(Error::write(Path::new("settings.txt")))?;
     Ok(("settings.txt", bytes))
 }
 
@@ -51,23 +52,27 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
         diameter_um: microscope.diameter_um,
         depths_um: (low, high),
         px_um: microscope.pixel_size_um / microscope.magnification,
-        particles: fitted.particles.len().max(FEWEST_PARTICLES),
+        particles: fitted.particles.len(),
         optics,
+        sensor: String::new(),
     };
     ("scenario.ron", twin.text().into_bytes())
 }
 
 /// The parts from which the scenario of a fit is made.
-struct Twin {
-    depth_factor: f64,
-    diameter_um: f64,
+pub(super) struct Twin {
+    pub(super) depth_factor: f64,
+    pub(super) diameter_um: f64,
     /// Physical depths of the scan, um.
-    depths_um: (f64, f64),
+    pub(super) depths_um: (f64, f64),
     /// Edge of a pixel in the object plane, um.
-    px_um: f64,
-    particles: usize,
-    /// Keys of wave optics, for `optics` and for `render`.
-    optics: (String, String),
+    pub(super) px_um: f64,
+    /// Number of particles in the scan.
+    pub(super) particles: usize,
+    /// Keys of wave optics for `optics`, and the line `render`.
+    pub(super) optics: (String, String),
+    /// The line `sensor`; empty for MicroSIG's own.
+    pub(super) sensor: String,
 }
 
 /// Keys of wave optics, for `optics` and for `render`.
@@ -75,22 +80,32 @@ fn wave_keys(waves: &Waves) -> (String, String) {
     let model = &waves.model;
     let terms = waves.zernike().into_iter().map(|(j, value)| format!("({j}, {})", round(value, 5)));
     let terms = terms.collect::<Vec<_>>().join(", ");
-    let layers = model.layers.map_or(String::new(), |l| {
+    let layers = layers(model);
+    let optics = format!(", lens: {}, pupil: (zernike: [{terms}]){layers}", model.lens.name());
+    (optics, render_line(model))
+}
+
+/// The key `layers`, if there are any.
+pub(super) fn layers(model: &WaveModel) -> String {
+    model.layers.map_or(String::new(), |l| {
         format!(
             ", layers: (n_s: {:?}, n_g: {:?}, t_g_um: {:?}, n_g_design: {:?}, t_g_design_um: {:?}, n_i: {:?}, n_i_design: {:?}, \
              t_i_design_um: {:?}, focus_depth_um: {:?})",
             l.n_s, l.n_g, l.t_g_um, l.n_g_design, l.t_g_design_um, l.n_i, l.n_i_design, l.t_i_design_um, l.focus_depth_um
         )
-    });
-    let optics = format!(", lens: {}, pupil: (zernike: [{terms}]){layers}", model.lens.name());
+    })
+}
+
+/// The line `render` of a scenario.
+pub(super) fn render_line(model: &WaveModel) -> String {
     let (wavelength_um, emission) = (model.wavelength_um, model.emission.name());
-    (optics, format!("    render: (mode: waves, wavelength_um: {wavelength_um:?}, emission: {emission}),\n"))
+    format!("    render: (mode: waves, wavelength_um: {wavelength_um:?}, emission: {emission}),\n")
 }
 
 impl Twin {
     /// The scenario, with the optics of `settings.txt` beside it.
-    fn text(&self) -> String {
-        let Twin { depth_factor, optics: (optics, render), .. } = self;
+    pub(super) fn text(&self) -> String {
+        let Twin { depth_factor, optics: (optics, render), sensor, .. } = self;
         let (low, high) = (round(self.depths_um.0, 2), round(self.depths_um.1, 2));
         let speed = round(DISPLACEMENT_PX * self.px_um / DT_S, 1);
         format!(
@@ -100,14 +115,14 @@ impl Twin {
              optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
              motion: flow(field: poiseuille(max_speed_um_s: {speed:?}, walls_z_um: ({low:?}, {high:?}))),\n    \
              particles: (number: count({}), diameter_um: constant({})),\n    \
-             boundaries: (z_um: ({low:?}, {high:?})),\n    timing: pairs(count: 10, dt_s: {DT_S:?}),\n{render})\n",
-            self.particles,
+             boundaries: (z_um: ({low:?}, {high:?})),\n    timing: pairs(count: 10, dt_s: {DT_S:?}),\n{render}{sensor})\n",
+            self.particles.max(FEWEST_PARTICLES),
             round(self.diameter_um, 4),
         )
     }
 }
 
-fn round(value: f64, digits: i32) -> f64 {
+pub(super) fn round(value: f64, digits: i32) -> f64 {
     let scale = libm::pow(10.0, f64::from(digits));
     libm::round(value * scale) / scale
 }
@@ -139,12 +154,11 @@ pub(super) fn images(problem: &Problem, state: &State) -> Result<[OutputFile; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::waves::WaveModel;
-    use microsig_core::Settings;
     use microsig_core::render::waves::{Emission, Layers, Lens};
 
     fn twin(depth_factor: f64, diameter_um: f64, depths_um: (f64, f64), optics: (String, String)) -> String {
-        Twin { depth_factor, diameter_um, depths_um, px_um: 0.65, particles: 5, optics }.text()
+        let sensor = String::new();
+        Twin { depth_factor, diameter_um, depths_um, px_um: 0.65, particles: 5, optics, sensor }.text()
     }
 
     #[test]

@@ -12,13 +12,10 @@ const MAX_PARTICLES: usize = 8;
 /// Standard deviation of the Gaussian filter on the sum over all planes, in which particles are detected, px.
 const SMOOTHING_PX: f64 = 3.0;
 
-/// A maximum must be this many standard deviations above the background.
+/// A maximum must be this many standard deviations above the background, and reach this fraction of the
+/// brightest one.
 const THRESHOLD_SD: f64 = 8.0;
-
-/// It must reach this fraction of the brightest one, for a fit of few particles, and where faint neighbors
-/// matter.
-pub(super) const OF_BRIGHTEST: f64 = 0.15;
-pub(super) const FAINT: f64 = 0.03;
+const THRESHOLD_FRACTION: f64 = 0.15;
 
 /// A ring of pixels counts as lit if its mean is this many standard errors above the background.
 const RING_SD: f64 = 3.0;
@@ -103,18 +100,18 @@ fn smoothed_sum(scan: &Scan, background: Background) -> Vec<f64> {
     along(&along(&sum, 1, 0), 0, 1)
 }
 
-/// The particles of a scan that reach this fraction of the brightest one, brightest first.
+/// The particles of a scan, brightest first.
 ///
 /// # Errors
 /// [`Error::Input`] if no particle is found, with the threshold and the best candidate.
-pub(super) fn find(scan: &Scan, background: Background, fraction: f64) -> Result<Vec<Candidate>> {
+pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>> {
     let sum = smoothed_sum(scan, background);
     let (w, h) = (scan.width, scan.height);
     // Noise of the smoothed sum: a Gaussian filter of standard deviation s averages over 4 pi s^2 pixels.
     let averaged = 4.0 * std::f64::consts::PI * SMOOTHING_PX * SMOOTHING_PX;
     let noise = background.noise * libm::sqrt(scan.planes.len() as f64 / averaged);
     let brightest = sum.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let threshold = (THRESHOLD_SD * noise).max(fraction * brightest);
+    let threshold = (THRESHOLD_SD * noise).max(THRESHOLD_FRACTION * brightest);
     let reach = SMOOTHING_PX as usize;
     let is_maximum = |x: usize, y: usize| {
         let here = sum[y * w + x];

@@ -3,10 +3,8 @@
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
+use microsig_core::formats::pages::{PageSize, Pages};
 use serde::Deserialize;
-use tiff::ColorType;
-use tiff::decoder::{Decoder, DecodingResult, Limits};
-use tiff::tags::Tag;
 
 use storage::error::{Error, Result};
 use storage::input;
@@ -32,6 +30,15 @@ pub struct Scan {
     pub full_scale: u16,
     /// Warnings about how the scan was read.
     pub warnings: Vec<String>,
+}
+
+/// The frames of a scan at one stage position.
+#[derive(Debug, Clone)]
+pub struct Level {
+    /// The position, um.
+    pub z_um: f64,
+    /// Their planes.
+    pub planes: Vec<usize>,
 }
 
 /// Source of the stage positions.
@@ -106,6 +113,21 @@ impl Scan {
         self.planes = self.planes.drain(first..=last).collect();
         self.stage_um = self.stage_um[first..=last].to_vec();
         Ok(self)
+    }
+
+    /// The stage positions, increasing, each with its frames.
+    pub fn levels(&self) -> Vec<Level> {
+        let mut order: Vec<usize> = (0..self.planes.len()).collect();
+        order.sort_by(|a, b| self.stage_um[*a].total_cmp(&self.stage_um[*b]).then(a.cmp(b)));
+        let mut levels: Vec<Level> = Vec::new();
+        for plane in order {
+            let z_um = self.stage_um[plane];
+            match levels.last_mut().filter(|level| level.z_um == z_um) {
+                Some(level) => level.planes.push(plane),
+                None => levels.push(Level { z_um, planes: vec![plane] }),
+            }
+        }
+        levels
     }
 
     /// Mean of the stage positions, um.
@@ -203,60 +225,30 @@ fn read_folder(path: &Path) -> Result<Planes> {
 
 /// Appends all pages of a TIFF file.
 fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) -> Result<()> {
-    let refuse = |message: String| Error::input(format!("{name}: {message}"));
-    let damaged = |e: tiff::TiffError| refuse(microsig_core::formats::tiff::told(&e));
-    let mut decoder = Decoder::new(reader).map_err(damaged)?;
-    let mut limits = Limits::default();
-    limits.decoding_buffer_size = 2 * MAX_PIXELS;
-    decoder = decoder.with_limits(limits);
+    let mut pages = Pages::open(reader, name)?;
     loop {
         let page = all.planes.len();
-        let (width, height) = decoder.dimensions().map_err(damaged)?;
-        let (width, height) = (width as usize, height as usize);
-        if page > 0 && (width, height) != (all.width, all.height) {
-            return Err(refuse(format!(
-                "page {page} has {width} x {height} px: expected {} x {} px, as on the first page",
-                all.width, all.height
-            )));
+        let size = pages.size()?;
+        if page == 0 {
+            (all.width, all.height) = (size.width as usize, size.height as usize);
+            all.spacing_um = pages.description().and_then(|text| spacing(&text));
         }
         // Checked before memory is allocated for the pixels.
-        if width.saturating_mul(height).saturating_mul(page + 1) > MAX_PIXELS {
-            return Err(refuse(format!("more than {MAX_PIXELS} pixels: crop the scan or omit planes")));
+        if all.width.saturating_mul(all.height).saturating_mul(page + 1) > MAX_PIXELS {
+            let message = format!("{name}: more than {MAX_PIXELS} pixels: crop the scan or omit planes");
+            return Err(Error::input(message));
         }
-        match decoder.colortype().map_err(damaged)? {
-            ColorType::Gray(8 | 16) => {}
-            other => {
-                return Err(refuse(format!("page {page} is {other:?}: expected gray counts of 8 or 16 bit")));
-            }
-        }
-        if page == 0 {
-            (all.width, all.height) = (width, height);
-            all.spacing_um = spacing(&mut decoder);
-        }
-        let (counts, full) = match decoder.read_image().map_err(damaged)? {
-            DecodingResult::U8(counts) => (counts.into_iter().map(u16::from).collect::<Vec<_>>(), 255),
-            DecodingResult::U16(counts) => (counts, u16::MAX),
-            _ => return Err(refuse(format!("page {page}: expected gray counts of 8 or 16 bit"))),
-        };
-        if counts.len() != width * height {
-            return Err(refuse(format!(
-                "page {page} has {} values: expected {}",
-                counts.len(),
-                width * height
-            )));
-        }
-        all.full_scale = all.full_scale.max(full);
-        all.planes.push(counts);
-        if !decoder.more_images() {
+        let first = PageSize { width: all.width as u32, height: all.height as u32, ..size };
+        all.planes.push(pages.counts(first)?);
+        all.full_scale = all.full_scale.max(if size.bits == 8 { 255 } else { u16::MAX });
+        if !pages.go_on()? {
             return Ok(());
         }
-        decoder.next_image().map_err(damaged)?;
     }
 }
 
 /// ImageJ's slice spacing, um.
-fn spacing<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<f64> {
-    let description = decoder.find_tag(Tag::ImageDescription).ok()??.into_string().ok()?;
+fn spacing(description: &str) -> Option<f64> {
     let entry = |key: &str| description.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
     let unit = entry("unit")?;
     let spacing: f64 = entry("spacing")?.trim().parse().ok()?;

@@ -2,12 +2,11 @@
 //! of which the median over particles is taken, falls below a share of its maximum. The median leaves out
 //! neighbors.
 
-use fit::Scan;
+use fit::{Level, Scan};
 
 use rayon::prelude::*;
 
 use super::located::Located;
-use super::stacks::Level;
 
 /// The share of the maximum.
 const SHARE: f64 = 0.05;

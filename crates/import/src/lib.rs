@@ -191,6 +191,15 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     })
 }
 
+/// Positions of all particles of a scan, px, with the first pixel's center at (1, 1), most contrast first.
+///
+/// # Errors
+/// A scan without particles.
+pub fn locate(scan: &Scan) -> Result<Vec<[f64; 2]>> {
+    let located = located::Located::of(scan, &scan.levels())?;
+    Ok(located.places.into_iter().map(|at| at.map(|at| at + 1.0)).collect())
+}
+
 /// The name of a folder.
 fn name(out: &Path) -> String {
     out.file_name().map_or_else(|| "recording".to_owned(), |name| name.to_string_lossy().into_owned())

@@ -2,12 +2,10 @@
 //! a particle stands out and the wide ones of others do not. All particles are in one plane, so maxima at other
 //! depths are parts of defocused images, such as bright rings.
 
-use fit::Scan;
+use fit::{Level, Scan};
 use rayon::prelude::*;
 use storage::error::{Error, Result};
 use tracking::GrayImage;
-
-use super::stacks::Level;
 
 /// Standard deviations of the Gaussian filters whose difference is the band-pass filter, px.
 const NARROW_PX: f32 = 1.2;

@@ -1,14 +1,13 @@
 //! The particles of a scan from which calibration stacks are made: those that lie whole in the image, far
 //! enough from others, and that are not saturated.
 
-use fit::Scan;
+use fit::{Level, Scan};
 
 use rayon::prelude::*;
 use tracking::GrayImage;
 
 use super::Unused;
 use super::located::Located;
-use super::stacks::Level;
 
 /// Pixels around the window that sub-pixel shifts reach.
 pub(crate) const MARGIN: usize = 3;

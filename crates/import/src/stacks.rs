@@ -46,28 +46,6 @@ const BEYOND_PX: usize = 3;
 const LEAST_HALF: usize = 5;
 const LEAST_DEPTHS: usize = 5;
 
-/// The frames of a scan at one depth.
-#[derive(Debug)]
-pub(crate) struct Level {
-    pub(crate) z_um: f64,
-    pub(crate) planes: Vec<usize>,
-}
-
-/// The depths of a scan, increasing, each with its frames.
-pub(crate) fn levels(scan: &Scan) -> Vec<Level> {
-    let mut order: Vec<usize> = (0..scan.planes.len()).collect();
-    order.sort_by(|a, b| scan.stage_um[*a].total_cmp(&scan.stage_um[*b]).then(a.cmp(b)));
-    let mut levels: Vec<Level> = Vec::new();
-    for plane in order {
-        let z_um = scan.stage_um[plane];
-        match levels.last_mut().filter(|level| level.z_um == z_um) {
-            Some(level) => level.planes.push(plane),
-            None => levels.push(Level { z_um, planes: vec![plane] }),
-        }
-    }
-    levels
-}
-
 /// The stack of a place.
 #[derive(Debug)]
 pub(crate) struct PlaceStack {
@@ -98,7 +76,7 @@ impl Stacks {
     /// A scan without single particles, or with too few depths.
     pub(crate) fn cut(scan: &Scan, file: &Path, options: &ImportOptions) -> Result<Self> {
         let name = file.display();
-        let levels = levels(scan);
+        let levels = scan.levels();
         if levels.len() < LEAST_DEPTHS {
             return Err(Error::input(format!(
                 "{name}: {} depths: expected at least {LEAST_DEPTHS}",

@@ -205,7 +205,10 @@ impl Fit {
             direction: options.direction.unwrap_or(1.0),
             waves,
             half_window: options.half_window,
-            places_px: options.places_px.clone(),
+            places_px: match &options.places_px {
+                Some(places_px) => places_px.clone(),
+                None => import::locate(scan)?,
+            },
         };
         let earlier = Earlier::new("field.json", common.force);
         check_replaceable(&self.out, earlier)?;

@@ -1,12 +1,13 @@
-//! The files of a fit of a field: a scenario with all terms, and a table of the particles.
+//! The files of a fit of a field: settings and a scenario with all terms, and a table of the particles.
 
 use microsig_core::emission::emitted_rays;
 use microsig_core::{Particle, Settings};
 
 use super::{FieldFit, FieldOptions};
+use crate::output::{Twin, layers, render_line, round};
 
-/// The parts of the scenario.
-pub(super) struct Twin<'a> {
+/// What files are made from.
+pub(super) struct Files<'a> {
     pub(super) fitted: &'a FieldFit,
     pub(super) options: &'a FieldOptions,
     /// Spherical aberration, waves.
@@ -20,87 +21,85 @@ pub(super) struct Twin<'a> {
     pub(super) particles: usize,
 }
 
-/// The smallest number of particles of the scenario.
-const FEWEST: usize = 5;
+impl Files<'_> {
+    /// Counts per electron, from the noise that grows with light.
+    fn counts_per_e(&self) -> f64 {
+        let [_, per_count, _] = self.fitted.noise;
+        if per_count > 0.0 { per_count } else { 1.0 }
+    }
 
-impl Twin<'_> {
-    /// The scenario: particles at rest in the depth range of the scan, as many as in it.
-    pub(super) fn scenario(&self) -> String {
-        let Twin { fitted, options, spherical, transmission, size_px, .. } = self;
-        let FieldFit { field, numerical_aperture, blur_um, depths_um, noise, background, .. } = fitted;
-        let given = &options.given;
-        let waves = &options.waves;
+    /// MicroSIG's settings, in photons for a camera of quantum efficiency 1: particles are as bright as those
+    /// of the scan.
+    pub(super) fn settings(&self) -> Settings {
+        let given = &self.options.given;
         let settings = Settings {
             magnification: given.magnification,
+            numerical_aperture: round(self.fitted.numerical_aperture, 5),
+            ri_medium: given.ri_medium,
+            ri_lens: given.ri_lens,
             pixel_size: given.pixel_size_um,
+            pixel_dim_x: self.size_px[0] as u32,
+            pixel_dim_y: self.size_px[1] as u32,
+            background_mean: 0.0,
+            background_noise: 0.0,
+            cyl_focal_length: 0.0,
             ..Settings::setting1()
         };
-        let rays = emitted_rays(&settings, &Particle::sphere(0.0, 0.0, 0.0, options.diameter_um));
-        // Counts per ray, so that particles are as bright as the scan's.
-        let photons_per_count = 1.0;
-        let per_e = if noise[1] > 0.0 { noise[1] } else { 1.0 };
-        let read_e = libm::sqrt(noise[0].max(0.0)) / per_e;
-        let gain = self.light / rays / per_e;
-        let layers = waves.layers.map_or(String::new(), |l| {
-            format!(", layers: (n_s: {:?}, focus_depth_um: {:?})", l.n_s, l.focus_depth_um)
-        });
-        let [low, high] = depths_um.map(|depth| round(depth, 2));
-        format!(
-            "// Images as the scanned microscope would record them; written by `microsig fit --field`.\n\
-             // Choose a flow (`microsig flows`), the number of particles and the timing.\n\
-             (\n    name: \"twin\",\n    description: \"Digital twin of a real microscope, center to corner\",\n    \
-             optics: (\n        magnification: {:?}, numerical_aperture: {:?}, pixel_size: {:?}, pixel_dim_x: {}, pixel_dim_y: {},\n        \
-             cyl_focal_length: 0, background_mean: 0, background_noise: 0, gain: {:?}, lens: aplanatic{layers},\n        \
-             pupil: (zernike: [(11, {:?})], transmission: {:?}), blur_um: {:?},\n        \
-             field: (\n            focus: (curvature_um_per_mm2: {:?}, tilt_um_per_mm: ({:?}, {:?})),\n            \
-             chief_ray: (slope: ({:?}, {:?}), per_mm: {:?}),\n            light_per_mm2: {:?},\n            \
-             coma: (constant: ({:?}, {:?}), per_mm: {:?}),\n            \
-             astigmatism: (constant: ({:?}, {:?}), per_mm: {:?}, per_mm2: {:?}),\n            \
-             vignetting: (meridional_per_mm2: {:?}),\n        ),\n    ),\n    \
-             render: (mode: waves, wavelength_um: {:?}, emission: {}, tolerance: 0.02),\n    \
-             sensor: (photons_per_count: {photons_per_count:?}, quantum_efficiency: 1, read_noise_e: {:?}, gain_counts_per_e: {:?},\n        \
-             offset_counts: {:?}, full_well_e: 1000000, bits: 16),\n    \
-             motion: flow(field: rest),\n    \
-             particles: (number: count({}), diameter_um: constant({:?})),\n    \
-             boundaries: (z_um: ({low:?}, {high:?})),\n    timing: sequence(frames: 5, dt_s: 1.0),\n)\n",
-            given.magnification,
-            round(*numerical_aperture, 5),
-            given.pixel_size_um,
-            size_px[0],
-            size_px[1],
-            significant(gain),
-            round(*spherical, 5),
-            round(*transmission, 4),
+        let rays = emitted_rays(&settings, &Particle::sphere(0.0, 0.0, 0.0, self.options.diameter_um));
+        Settings { gain: significant(self.light / rays / self.counts_per_e()), ..settings }
+    }
+
+    /// The scenario, with the optics of `settings.txt` beside it.
+    pub(super) fn scenario(&self) -> String {
+        let Files { fitted, options, .. } = self;
+        let FieldFit { field, blur_um, depths_um: [low, high], noise, background, .. } = fitted;
+        let model = &options.waves;
+        let pair =
+            |(x, y): (f64, f64), digits: i32| format!("({:?}, {:?})", round(x, digits), round(y, digits));
+        let (focus, chief_ray) = (&field.focus, &field.chief_ray);
+        let (coma, astigmatism) = (&field.coma, &field.astigmatism);
+        let optics = format!(
+            ", lens: aplanatic{},\n        pupil: (zernike: [(11, {:?})], transmission: {:?}), blur_um: {:?},\n        \
+             field: (\n            focus: (curvature_um_per_mm2: {:?}, tilt_um_per_mm: {}),\n            \
+             chief_ray: (slope: {}, per_mm: {:?}),\n            light_per_mm2: {:?},\n            \
+             coma: (constant: {}, per_mm: {:?}),\n            \
+             astigmatism: (constant: {}, per_mm: {:?}, per_mm2: {:?}),\n            \
+             vignetting: (meridional_per_mm2: {:?}),\n        )",
+            layers(model),
+            round(self.spherical, 5),
+            round(self.transmission, 4),
             round(*blur_um, 4),
-            round(field.focus.curvature_um_per_mm2, 4),
-            round(field.focus.tilt_um_per_mm.0, 4),
-            round(field.focus.tilt_um_per_mm.1, 4),
-            round(field.chief_ray.slope.0, 6),
-            round(field.chief_ray.slope.1, 6),
-            round(field.chief_ray.per_mm, 6),
+            round(focus.curvature_um_per_mm2, 4),
+            pair(focus.tilt_um_per_mm, 4),
+            pair(chief_ray.slope, 6),
+            round(chief_ray.per_mm, 6),
             round(field.light_per_mm2, 4),
-            round(field.coma.constant.0, 5),
-            round(field.coma.constant.1, 5),
-            round(field.coma.per_mm, 5),
-            round(field.astigmatism.constant.0, 5),
-            round(field.astigmatism.constant.1, 5),
-            round(field.astigmatism.per_mm, 5),
-            round(field.astigmatism.per_mm2, 5),
+            pair(coma.constant, 5),
+            round(coma.per_mm, 5),
+            pair(astigmatism.constant, 5),
+            round(astigmatism.per_mm, 5),
+            round(astigmatism.per_mm2, 5),
             round(field.vignetting.meridional_per_mm2, 5),
-            waves.wavelength_um,
-            waves.emission.name(),
-            significant(read_e),
+        );
+        let per_e = self.counts_per_e();
+        let sensor = format!(
+            "    sensor: (photons_per_count: 1.0, quantum_efficiency: 1.0, read_noise_e: {:?}, gain_counts_per_e: {:?}, \
+             offset_counts: {:?}),\n",
+            significant(libm::sqrt(noise[0]) / per_e),
             significant(per_e),
             round(*background, 2),
-            self.particles.max(FEWEST),
-            options.diameter_um,
-        )
+        );
+        let twin = Twin {
+            depth_factor: options.given.depth_factor,
+            diameter_um: options.diameter_um,
+            depths_um: (*low, *high),
+            px_um: options.given.pixel_size_um / options.given.magnification,
+            particles: self.particles,
+            optics: (optics, render_line(model)),
+            sensor,
+        };
+        twin.text()
     }
-}
-
-fn round(value: f64, digits: i32) -> f64 {
-    let scale = libm::pow(10.0, f64::from(digits));
-    libm::round(value * scale) / scale
 }
 
 /// Four significant digits.

@@ -21,11 +21,12 @@ pub(super) const FINE: f64 = 0.008;
 pub(super) struct Subject<'a> {
     pub(super) instrument: &'a Instrument,
     pub(super) frames: &'a Frames,
-    pub(super) window: &'a Window,
+    pub(super) window: Window,
     pub(super) half: usize,
     /// The planes that are used.
     pub(super) planes: Vec<usize>,
-    /// Unit vector from the center of the field.
+    /// Place in the field, mm from its center, and the unit vector toward it.
+    pub(super) place_mm: [f64; 2],
     pub(super) toward: [f64; 2],
     /// For each plane that is used, the pixels that are; empty: all.
     pub(super) masks: Vec<Vec<bool>>,

@@ -117,10 +117,15 @@ impl<R: Read + Seek> Pages<R> {
         Ok(true)
     }
 
+    /// The description of the current page.
+    pub fn description(&mut self) -> Option<String> {
+        self.decoder.find_tag(Tag::ImageDescription).ok()??.into_string().ok()
+    }
+
     /// How the file says that its pages are arranged, from the description of its first page, at which the
     /// file must be.
     pub fn order(&mut self) -> Option<PageOrder> {
-        let description = self.decoder.find_tag(Tag::ImageDescription).ok()??.into_string().ok()?;
+        let description = self.description()?;
         ome(&description).or_else(|| image_j(&description))
     }
 }

@@ -184,7 +184,7 @@ impl Divided<'_> {
         self.with_ghost(1.0)
     }
 
-    /// Whether a true particle has a ghost within so many gates, at most two.
+    /// Whether a ghost lies within this many gates (at most two) of a true particle.
     fn with_ghost(&self, gates: f64) -> Vec<bool> {
         let mut near = vec![false; self.clouds.0.len()];
         for pair in &self.candidates.pairs {

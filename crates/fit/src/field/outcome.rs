@@ -1,0 +1,284 @@
+//! What a fit of a field found, with the files that describe it.
+
+use microsig_core::optics::FieldOptics;
+use serde::Serialize;
+
+use super::frames::Frames;
+use super::laws::{Coefficient, Laws};
+use super::local::{QUANTITIES, X, Y};
+use super::particle::{Fit, Subject};
+use super::{FREE, FieldOptions, evenly, median, output};
+use crate::particles::Candidate;
+use crate::scan::Scan;
+use storage::error::{Error, Result};
+
+/// One particle of a field.
+#[derive(Debug, Clone, Serialize)]
+pub struct FieldParticle {
+    /// Position in focus, px, with the first pixel's center at (1, 1).
+    pub x_px: f64,
+    /// See `x_px`.
+    pub y_px: f64,
+    /// Place in the field, mm from its center in the particles' space.
+    pub place_mm: [f64; 2],
+    /// Whether its images are those of one particle; otherwise it is perhaps two, or a dirty one.
+    pub is_single: bool,
+    /// Mean square of residuals over the variance of the mean of repeated frames, with values of its own.
+    pub chi2: f64,
+    /// Explained part of the images' variance, with values of its own.
+    pub r2: f64,
+    /// The same with the laws of the field; only position, light and background are its own.
+    pub chi2_of_laws: f64,
+    /// See `chi2_of_laws`.
+    pub r2_of_laws: f64,
+    /// Mean light, counts.
+    pub light: f64,
+    /// Values of its own, by quantity.
+    pub measured: Vec<f64>,
+    /// Their standard deviations.
+    pub sd: Vec<f64>,
+    /// Values of the laws.
+    pub law: Vec<f64>,
+}
+
+/// The images of a particle at some planes, for a report.
+#[derive(Debug, Clone)]
+pub struct FieldImages {
+    /// Index of the particle.
+    pub particle: usize,
+    /// Edge of an image, px.
+    pub edge: usize,
+    /// For each plane its stage position (um), data and model, counts above the background.
+    pub planes: Vec<(f64, Vec<f64>, Vec<f64>)>,
+}
+
+/// The result of a fit of a whole field.
+#[derive(Debug, Clone, Serialize)]
+pub struct FieldFit {
+    /// Coefficients of the laws.
+    pub coefficients: Vec<Coefficient>,
+    /// The optics as in a scenario.
+    pub field: FieldOptics,
+    /// Numerical aperture.
+    pub numerical_aperture: f64,
+    /// Standard deviation of the blur, um.
+    pub blur_um: f64,
+    /// Stage position in focus at the center of the field, um.
+    pub focus_um: f64,
+    /// Depth range of the scan, um.
+    pub depths_um: [f64; 2],
+    /// Variance of a count: background (counts^2), per count of light (counts), per squared count.
+    pub noise: [f64; 3],
+    /// Whether that is the noise between repeated frames; otherwise only the background's is known.
+    pub is_noise_measured: bool,
+    /// Background, counts.
+    pub background: f64,
+    /// Names of the quantities of each particle.
+    pub quantities: Vec<&'static str>,
+    /// All particles, nearest to the center first.
+    pub particles: Vec<FieldParticle>,
+    /// Mean over single particles, by the laws.
+    pub r2_of_laws: f64,
+    /// Median over single particles, by the laws, in units of the variance of one frame.
+    pub chi2_of_laws: f64,
+    /// What to know about the result.
+    pub warnings: Vec<String>,
+}
+
+/// A fit with the files that describe it.
+#[derive(Debug)]
+pub struct FieldFiles {
+    /// Result of the fit.
+    pub fitted: FieldFit,
+    /// Images from the center to the corner.
+    pub images: Vec<FieldImages>,
+    /// Names and contents of the files.
+    pub files: Vec<(&'static str, Vec<u8>)>,
+}
+
+/// The parts of a result.
+pub(super) struct Outcome<'a> {
+    pub(super) scan: &'a Scan,
+    pub(super) options: &'a FieldOptions,
+    pub(super) frames: &'a Frames,
+    pub(super) subjects: &'a [Subject<'a>],
+    pub(super) candidates: &'a [Candidate],
+    pub(super) found: usize,
+}
+
+impl Outcome<'_> {
+    pub(super) fn files(
+        &self,
+        fits: &[Fit],
+        is_single: &[bool],
+        laws: &Laws,
+        of_laws: &[Fit],
+    ) -> Result<FieldFiles> {
+        let Outcome { scan, options, frames, subjects, candidates, .. } = self;
+        let repeats = frames.repeats.iter().sum::<usize>() as f64 / frames.repeats.len() as f64;
+        let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
+        let light: Vec<([f64; 2], f64)> =
+            singles.iter().map(|&k| (subjects[k].place_mm, of_laws[k].light())).collect();
+        let (light_per_mm2, light_sd) = light_law(&light);
+        let mut coefficients = laws.coefficients.clone();
+        coefficients.push(Coefficient {
+            key: "light_per_mm2",
+            value: light_per_mm2,
+            sd: light_sd,
+            unit: "1/mm^2",
+        });
+        // What is within its error is no light law.
+        let light_per_mm2 = if light_per_mm2.abs() > 2.0 * light_sd { light_per_mm2 } else { 0.0 };
+        let quantities: Vec<&'static str> = FREE.iter().map(|q| QUANTITIES[*q].0).collect();
+        let particles: Vec<FieldParticle> = (0..fits.len())
+            .map(|k| {
+                let window = &subjects[k].window;
+                let local = &fits[k].local;
+                let law = laws.at(subjects[k].place_mm, local);
+                let covariance = fits[k].quadratic.matrix.inverse();
+                let sd = |i: usize| {
+                    covariance.as_ref().map_or(f64::NAN, |c| libm::sqrt(fits[k].chi2() * c.at(i, i).max(0.0)))
+                };
+                FieldParticle {
+                    x_px: window.column as f64 + 1.0 + local[X],
+                    y_px: window.row as f64 + 1.0 + local[Y],
+                    place_mm: subjects[k].place_mm,
+                    is_single: is_single[k],
+                    chi2: fits[k].chi2(),
+                    r2: fits[k].r2(),
+                    chi2_of_laws: of_laws[k].chi2(),
+                    r2_of_laws: of_laws[k].r2(),
+                    light: of_laws[k].light(),
+                    measured: FREE.iter().map(|q| local[*q]).collect(),
+                    sd: (0..FREE.len()).map(sd).collect(),
+                    law: FREE.iter().map(|q| law[*q]).collect(),
+                }
+            })
+            .collect();
+        let mean_r2 = singles.iter().map(|&k| of_laws[k].r2()).sum::<f64>() / singles.len() as f64;
+        let chi2 = median(singles.iter().map(|&k| of_frame(of_laws[k].chi2(), repeats)).collect());
+        let warnings = self.warnings(fits.len(), singles.len());
+        let noise = frames.noise;
+        let stage = |f: fn(f64, f64) -> f64, start: f64| {
+            frames.stage_um.iter().map(|s| options.direction * (s - laws.focus_um())).fold(start, f)
+        };
+        let fitted = FieldFit {
+            coefficients,
+            field: laws.field(options.direction, light_per_mm2),
+            numerical_aperture: laws.numerical_aperture(),
+            blur_um: laws.blur_um(),
+            focus_um: laws.focus_um(),
+            depths_um: [stage(f64::min, f64::INFINITY), stage(f64::max, f64::NEG_INFINITY)],
+            noise: [noise.background2, noise.per_count, noise.per_count2],
+            is_noise_measured: frames.is_noise_measured,
+            background: frames.background,
+            quantities,
+            particles,
+            r2_of_laws: mean_r2,
+            chi2_of_laws: chi2,
+            warnings,
+        };
+        let shown = center_to_corner(&fitted.particles);
+        let images = shown.into_iter().map(|k| images(k, &subjects[k], &of_laws[k])).collect();
+        let mean_light = median(light.iter().map(|(_, light)| *light).collect());
+        let files = output::Files {
+            fitted: &fitted,
+            options,
+            spherical: laws.spherical(),
+            transmission: laws.transmission(),
+            size_px: [scan.width, scan.height],
+            light: mean_light,
+            particles: candidates.len(),
+        };
+        let mut json = serde_json::to_vec_pretty(&fitted).map_err(|e| Error::input(e.to_string()))?;
+        json.push(b'\n');
+        let written = vec![
+            crate::output::settings(&files.settings())?,
+            ("field.json", json),
+            ("scenario.ron", files.scenario().into_bytes()),
+            ("particles.csv", output::table(&fitted)),
+        ];
+        Ok(FieldFiles { fitted, images, files: written })
+    }
+
+    fn warnings(&self, particles: usize, singles: usize) -> Vec<String> {
+        let mut warnings = self.scan.warnings.clone();
+        if !self.frames.is_noise_measured {
+            warnings.push(
+                "the scan has no repeated frames: only the noise of the background is known, so chi2 and intervals are too large \
+                 and too small where images are bright"
+                    .to_owned(),
+            );
+        }
+        let doubtful = particles - singles;
+        if doubtful > 0 {
+            warnings.push(format!(
+                "{doubtful} of {} particles are not described as single ones (two, or dirty) and are left out",
+                particles
+            ));
+        }
+        if self.found > particles {
+            warnings.push(format!("{particles} of {} particles are used, spread over the field", self.found));
+        }
+        warnings.push(format!(
+            "the direction of the stage ({} the lens) is taken as given: reversed, images are the same with aberrations of the \
+             opposite sign",
+            if self.options.direction > 0.0 { "away from" } else { "toward" }
+        ));
+        warnings
+    }
+}
+
+/// Chi-squared of single frames, from that of means of `repeats` frames: their residuals share the errors of
+/// the model and have less noise.
+fn of_frame(chi2: f64, repeats: f64) -> f64 {
+    1.0 + (chi2 - 1.0) / repeats
+}
+
+/// Relative change of light per squared distance from the center, and its standard deviation: a straight line
+/// through the light of particles, without those far off.
+fn light_law(light: &[([f64; 2], f64)]) -> (f64, f64) {
+    let middle = median(light.iter().map(|(_, light)| *light).collect());
+    let points: Vec<(f64, f64)> = light
+        .iter()
+        .map(|([x, y], light)| (x * x + y * y, light / middle))
+        .filter(|(_, light)| (0.5..2.0).contains(light))
+        .collect();
+    let n = points.len() as f64;
+    let (mean_r2, mean) = points.iter().fold((0.0, 0.0), |(a, b), (r2, light)| (a + r2 / n, b + light / n));
+    let spread: f64 = points.iter().map(|(r2, _)| (r2 - mean_r2) * (r2 - mean_r2)).sum();
+    if points.len() < 4 || spread == 0.0 {
+        return (0.0, f64::INFINITY);
+    }
+    let slope = points.iter().map(|(r2, light)| (r2 - mean_r2) * (light - mean)).sum::<f64>() / spread;
+    let left = |(r2, light): &(f64, f64)| light - mean - slope * (r2 - mean_r2);
+    let variance = points.iter().map(|point| left(point) * left(point)).sum::<f64>() / (n - 2.0);
+    let center = mean - slope * mean_r2;
+    (slope / center, libm::sqrt(variance / spread) / center)
+}
+
+/// Three single particles: near the center, halfway, and far out.
+fn center_to_corner(particles: &[FieldParticle]) -> Vec<usize> {
+    let singles: Vec<usize> = (0..particles.len()).filter(|k| particles[*k].is_single).collect();
+    let mut shown: Vec<usize> = evenly(singles.len(), 3).into_iter().map(|i| singles[i]).collect();
+    shown.dedup();
+    shown
+}
+
+fn images(particle: usize, subject: &Subject, fit: &Fit) -> FieldImages {
+    let edge = 2 * subject.half + 1;
+    let planes = evenly(subject.planes.len(), 7).into_iter().map(|i| {
+        let plane = subject.planes[i];
+        let seen = &fit.seen[i];
+        let (mut data, mut model) = (vec![0.0; edge * edge], vec![0.0; edge * edge]);
+        let is_used = |pixel: usize| subject.masks.get(i).is_none_or(|mask| mask[pixel]);
+        let pixels = subject.window.pixels.iter().zip(&seen.model).enumerate();
+        for (_, ((at, [dx, dy]), value)) in pixels.filter(|(pixel, _)| is_used(*pixel)) {
+            let place = (dy + subject.half as f64) as usize * edge + (dx + subject.half as f64) as usize;
+            data[place] = subject.frames.planes[plane][*at] - seen.background;
+            model[place] = value - seen.background;
+        }
+        (subject.frames.stage_um[plane], data, model)
+    });
+    FieldImages { particle, edge, planes: planes.collect() }
+}
