@@ -47,6 +47,7 @@ pub use comparison::{Comparison, Score};
 pub use evidence::{Evidence, MeasuredImage, Sample};
 pub use field::{Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, FieldParticle, fit_field};
 pub use images::Watch;
+pub use linear::Symmetric;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use repeats::noise_of_repeats;

@@ -3,21 +3,24 @@
 
 /// A symmetric matrix, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Symmetric {
+pub struct Symmetric {
     pub(super) n: usize,
     values: Vec<f64>,
 }
 
 impl Symmetric {
-    pub(super) fn zeros(n: usize) -> Self {
+    /// All elements are 0.
+    pub fn zeros(n: usize) -> Self {
         Symmetric { n, values: vec![0.0; n * n] }
     }
 
-    pub(super) fn at(&self, i: usize, j: usize) -> f64 {
+    /// An element.
+    pub fn at(&self, i: usize, j: usize) -> f64 {
         self.values[i * self.n + j]
     }
 
-    pub(super) fn add(&mut self, i: usize, j: usize, value: f64) {
+    /// Adds to an element, not to its mirror image.
+    pub fn add(&mut self, i: usize, j: usize, value: f64) {
         self.values[i * self.n + j] += value;
     }
 
@@ -43,12 +46,12 @@ impl Symmetric {
     }
 
     /// The solution x of A x = b; `None` if the matrix is not positive definite.
-    pub(super) fn solve(&self, b: &[f64]) -> Option<Vec<f64>> {
+    pub fn solve(&self, b: &[f64]) -> Option<Vec<f64>> {
         Some(substitute(&self.factor()?, b))
     }
 
     /// The inverse; `None` if the matrix is not positive definite.
-    pub(super) fn inverse(&self) -> Option<Symmetric> {
+    pub fn inverse(&self) -> Option<Symmetric> {
         let n = self.n;
         let l = self.factor()?;
         let mut inverse = Symmetric::zeros(n);
@@ -64,7 +67,7 @@ impl Symmetric {
     }
 
     /// The product A x.
-    pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
+    pub fn times(&self, x: &[f64]) -> Vec<f64> {
         self.values.chunks(self.n).map(|row| row.iter().zip(x).map(|(a, b)| a * b).sum()).collect()
     }
 }

@@ -4,6 +4,7 @@
 //! background are fitted by least squares, so that defocused images, in which a centroid is noisy, count too. The
 //! position of a particle is the same at all depths: what its images do there is part of the calibration.
 
+use fit::Symmetric;
 use tracking::{GrayImage, Spline};
 
 use super::particles::{MARGIN, ScanParticle};
@@ -90,16 +91,16 @@ impl Aligned {
     pub(crate) fn fit(&mut self, reference: &[GrayImage], in_focus: &[usize], noise: f64) {
         for _ in 0..STEPS {
             // Unknowns: brightness, background, brightness times the focus, and the steps of the position.
-            let mut normal = Normal::default();
+            let (mut normal, mut right) = (Symmetric::zeros(5), [0.0; 5]);
             for (depth, image) in reference.iter().enumerate() {
-                let [mut right, mut left] = [self.shift; 2].map(|shift| [shift; 2]);
+                let [mut above, mut below] = [self.shift; 2].map(|shift| [shift; 2]);
                 for axis in 0..2 {
-                    right[axis][axis] += DIFFERENCE_PX;
-                    left[axis][axis] -= DIFFERENCE_PX;
+                    above[axis][axis] += DIFFERENCE_PX;
+                    below[axis][axis] -= DIFFERENCE_PX;
                 }
                 let here = self.samples(depth, self.shift);
                 let around =
-                    [0, 1].map(|axis| (self.samples(depth, right[axis]), self.samples(depth, left[axis])));
+                    [0, 1].map(|axis| (self.samples(depth, above[axis]), self.samples(depth, below[axis])));
                 for (i, value) in here.iter().enumerate() {
                     let Some(value) = value else { continue };
                     let slope = around.each_ref().map(|(right, left)| {
@@ -108,10 +109,15 @@ impl Aligned {
                             .map_or(0.0, |(right, left)| (right - left) / (2.0 * DIFFERENCE_PX))
                     });
                     let terms = [image.counts[i], 1.0, over_depth(reference, depth, i), slope[0], slope[1]];
-                    normal.add(terms.map(f64::from), f64::from(*value));
+                    let terms = terms.map(f64::from);
+                    for (i, term) in terms.iter().enumerate() {
+                        right[i] += term * f64::from(*value);
+                        terms.iter().enumerate().for_each(|(j, other)| normal.add(i, j, term * other));
+                    }
                 }
             }
-            let Some([brightness, offset, focus, x, y]) = normal.solved() else { break };
+            let solution: Option<[f64; 5]> = normal.solve(&right).and_then(|all| all.try_into().ok());
+            let Some([brightness, offset, focus, x, y]) = solution else { break };
             (self.brightness, self.offset) = ((brightness as f32).max(1e-6), offset as f32);
             self.focus = (focus as f32 / self.brightness).clamp(-MOST_STEPS, MOST_STEPS);
             for (shift, by) in self.shift.iter_mut().zip([x, y]) {
@@ -188,38 +194,4 @@ fn centroid(image: &GrayImage) -> [f32; 2] {
         sums[1] += weight * (y as f32 - middle as f32);
     }
     if sum > 0.0 { sums.map(|s| (s / sum).clamp(-MOST_PX, MOST_PX)) } else { [0.0; 2] }
-}
-
-/// Number of unknowns.
-const N: usize = 5;
-
-/// Normal equations.
-#[derive(Default)]
-struct Normal([[f64; N + 1]; N]);
-
-impl Normal {
-    fn add(&mut self, terms: [f64; N], value: f64) {
-        for (row, term) in self.0.iter_mut().zip(terms) {
-            row.iter_mut()
-                .zip(terms.into_iter().chain([value]))
-                .for_each(|(cell, other)| *cell += term * other);
-        }
-    }
-
-    /// The unknowns.
-    fn solved(mut self) -> Option<[f64; N]> {
-        for i in 0..N {
-            let pivot = self.0[i][i];
-            if pivot.is_nan() || pivot <= 0.0 {
-                return None;
-            }
-            self.0[i] = self.0[i].map(|cell| cell / pivot);
-            let own = self.0[i];
-            for (_, row) in self.0.iter_mut().enumerate().filter(|(j, _)| *j != i) {
-                let factor = row[i];
-                row.iter_mut().zip(own).for_each(|(cell, own)| *cell -= factor * own);
-            }
-        }
-        Some(self.0.map(|row| row[N]))
-    }
 }

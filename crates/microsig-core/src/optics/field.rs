@@ -125,17 +125,6 @@ const NARROWEST: f64 = 0.2;
 const MAX_WAVES: f64 = 5.0;
 
 impl FieldOptics {
-    /// The same optics everywhere.
-    pub const UNIFORM: FieldOptics = FieldOptics {
-        focus: FocusSurface { curvature_um_per_mm2: 0.0, tilt_um_per_mm: (0.0, 0.0) },
-        chief_ray: ChiefRay { slope: (0.0, 0.0), per_mm: 0.0 },
-        distortion_per_mm2: 0.0,
-        light_per_mm2: 0.0,
-        coma: FieldComa { constant: (0.0, 0.0), per_mm: 0.0 },
-        astigmatism: FieldAstigmatism { constant: (0.0, 0.0), per_mm: 0.0, per_mm2: 0.0 },
-        vignetting: Vignetting { meridional_per_mm2: 0.0 },
-    };
-
     /// The place in the field of a position in the image (px), mm.
     pub fn place(settings: &Settings, x_px: f64, y_px: f64) -> [f64; 2] {
         let offset = |at: f64, size: u32| at - 0.5 * (f64::from(size) + 1.0);

@@ -2,15 +2,11 @@
 //! images only once.
 
 use super::model::{Exposure, Frame, Model, Scope};
-use super::{WaveOptics, WavesRenderer, obstacles};
-use crate::optics::{FieldComa, FieldOptics, LocalOptics};
+use super::{WavesRenderer, obstacles};
+use crate::optics::LocalOptics;
 
 /// Step of the difference that is a derivative with respect to depth, in units of lambda / NA^2.
 const STEP_DEPTHS: f64 = 0.05;
-
-/// A field whose images are those of a pupil without symmetry.
-const SOMEWHERE: FieldOptics =
-    FieldOptics { coma: FieldComa { constant: (1.0, 0.0), per_mm: 0.0 }, ..FieldOptics::UNIFORM };
 
 /// Images of spheres of one diameter over a range of depths. All have the same transform kernels.
 #[derive(Debug)]
@@ -41,9 +37,8 @@ impl WavesRenderer {
     ) -> SingleImages {
         let waves = &self.model;
         let model = waves.model.with_share(waves.model.share, 1.0);
-        // As if it were somewhere in a field with aberrations.
-        let optics = WaveOptics { field: SOMEWHERE, ..waves.optics.clone() };
-        let obstacles = obstacles(&optics, model.pupil.has_cylinder(), local, [0.0; 2]);
+        let cylinder = model.pupil.has_cylinder();
+        let obstacles = obstacles(&waves.optics, cylinder, Some((local, [0.0; 2])));
         self.single_images_of(Model { obstacles, ..model }, depths_um, d_um, edge_px)
     }
 

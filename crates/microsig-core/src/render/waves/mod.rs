@@ -138,7 +138,9 @@ impl WavesRenderer {
                 settings.cyl_focal_length
             )));
         }
-        let obstacles = obstacles(optics, pupil.has_cylinder(), &optics.field.at([0.0; 2]), [0.0; 2]);
+        let center = optics.field.has_aberrations().then(|| optics.field.at([0.0; 2]));
+        let obstacles =
+            obstacles(optics, pupil.has_cylinder(), center.as_ref().map(|local| (local, [0.0; 2])));
         let inner_um = match optics.pupil.mask {
             Mask::Annulus { inner } => pupil.q(inner * pupil.radius()),
             Mask::Open | Mask::Pinholes(_) => 0.0,
@@ -211,7 +213,7 @@ impl Waves {
         let local = self.optics.field.at(place);
         let tilt = if tilted { tilt(&local) } else { [0.0; 2] };
         let cylinder = model.pupil.has_cylinder();
-        Model { obstacles: obstacles(&self.optics, cylinder, &local, tilt), ..model }
+        Model { obstacles: obstacles(&self.optics, cylinder, Some((&local, tilt))), ..model }
     }
 
     /// The factor between depths in tables and those of particles at a position in the image, px: where
@@ -255,9 +257,14 @@ fn tilt(local: &LocalOptics) -> [f64; 2] {
     local.coma.map(|waves| -2.8 * std::f64::consts::SQRT_2 * waves)
 }
 
-/// Mask, aberrations, vignetting, tilt and rotated cylinder, if they break the pupil's mirror symmetries at a
-/// place of the field or elsewhere in it; `None` otherwise.
-fn obstacles(optics: &WaveOptics, cylinder: bool, local: &LocalOptics, tilt: [f64; 2]) -> Option<Obstacles> {
+/// Mask, aberrations, vignetting and rotated cylinder, if they break the pupil's mirror symmetries; `None`
+/// otherwise. `place`: the optics at a place of a field where they vary, and tilt (Noll's terms 2 and 3, waves
+/// rms); there, no pupil is taken to have symmetries.
+fn obstacles(
+    optics: &WaveOptics,
+    cylinder: bool,
+    place: Option<(&LocalOptics, [f64; 2])>,
+) -> Option<Obstacles> {
     let disc = |r: f64, open: bool| Disc { x: 0.0, y: 0.0, r, open };
     let discs = match &optics.pupil.mask {
         Mask::Open => vec![disc(1.0, true)],
@@ -267,16 +274,18 @@ fn obstacles(optics: &WaveOptics, cylinder: bool, local: &LocalOptics, tilt: [f6
             holes.iter().map(|&Pinhole { x, y, r }| Disc { x, y, r, open: true }).collect()
         }
     };
-    let of_field = [8, 7].into_iter().zip(local.coma).chain([6, 5].into_iter().zip(local.astigmatism));
-    let of_field = of_field.chain([2, 3].into_iter().zip(tilt));
-    let in_um = optics.pupil.zernike.iter().copied().chain(of_field);
+    let of_place = place.into_iter().flat_map(|(local, tilt)| {
+        let terms = [([8, 7], local.coma), ([6, 5], local.astigmatism), ([2, 3], tilt)];
+        terms.into_iter().flat_map(|(indices, waves)| indices.into_iter().zip(waves))
+    });
+    let in_um = optics.pupil.zernike.iter().copied().chain(of_place);
     let in_um = in_um.map(|(j, waves)| (j, waves * optics.wavelength_um));
     let aberration = Aberration::new(&in_um.collect::<Vec<_>>());
     let turn = optics.cyl_angle_deg.to_radians();
     let round_mask = !matches!(optics.pupil.mask, Mask::Pinholes(_));
     // The transform of a quadrant does not support an annulus.
-    let simple = round_mask && (discs.len() == 1 || !cylinder) && !optics.field.has_aberrations();
-    let squeeze = local.squeeze;
+    let simple = round_mask && (discs.len() == 1 || !cylinder) && place.is_none();
+    let squeeze = place.map_or([[1.0, 0.0], [0.0, 1.0]], |(local, _)| local.squeeze);
     (!simple || turn != 0.0 || !aberration.is_none()).then_some(Obstacles {
         discs,
         aberration,

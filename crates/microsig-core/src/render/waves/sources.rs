@@ -78,11 +78,7 @@ impl Waves {
     /// Points at the depths of the tables that a spheroid needs.
     pub(super) fn depths(&self, particle: &Particle, spheroid: &Spheroid) -> impl Iterator<Item = Particle> {
         let [half_um, ..] = spheroid::half_extents(0.5 * particle.d_um, spheroid);
-        let scale = if self.optics.field.has_aberrations() {
-            self.depth_scale([particle.x_px, particle.y_px])
-        } else {
-            1.0
-        };
+        let scale = self.depth_scale([particle.x_px, particle.y_px]);
         let (z_um, step_um) = (particle.z_um * scale, self.ranges.length_um);
         let steps = libm::ceil(2.0 * half_um / step_um) as usize;
         let depths = (0..=steps).map(move |i| z_um + (i as f64 * step_um - half_um).min(half_um));
