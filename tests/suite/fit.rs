@@ -93,7 +93,7 @@ fn a_truncated_scan_is_told() {
     // Its last page lies at the end of the file.
     std::fs::write(&scan, &bytes[..bytes.len() - 2000]).unwrap();
     let message = fail(2, &[&arguments(&scan, &out)[..], &["--z-step", "6"]].concat());
-    assert!(message.contains("scan.tif: it ends before its data do; is it truncated?"), "{message}");
+    assert!(message.contains("scan.tif: page 8: it ends before its data do; is it truncated?"), "{message}");
     assert!(!out.exists());
 }
 
