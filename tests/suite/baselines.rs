@@ -117,6 +117,24 @@ fn mle_fits_images_by_wave_optics() {
     assert_tracks(&score(folder.path(), "mle"), "waves", [0.9, 0.9, 0.05, 0.003]);
 }
 
+/// A focus that is tilted by 4 um from the middle of the field to its ends: the optics of the middle would be off by
+/// a tenth of the depth range.
+#[test]
+fn mle_fits_each_particle_by_the_optics_at_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = r#"(
+        name: "tilted",
+        optics: (magnification: 10, numerical_aperture: 0.3, pixel_size: 6.5, pixel_dim_x: 200, pixel_dim_y: 160,
+                 cyl_focal_length: 0, lens: aplanatic, blur_um: 0.4,
+                 field: (focus: (tilt_um_per_mm: (60, 0)), chief_ray: (slope: (0.02, 0), per_mm: 0.3))),
+        render: (mode: waves, wavelength_um: 0.6, emission: volume),
+        particles: (number: count(4)), boundaries: (z_um: (6, 30)),
+        motion: flow(field: poiseuille(max_speed_um_s: 300)), timing: pairs(count: 2, dt_s: 0.002),
+    )"#;
+    generate(folder.path(), "dataset", scenario);
+    assert_tracks(&score(folder.path(), "mle"), "tilted", [0.9, 0.9, 0.05, 0.005]);
+}
+
 /// A water immersion of NA 1.2, of which the settings file of the calibration stack alone does not know.
 /// Above focus only: images of such a corrected objective are the same on both sides.
 #[test]

@@ -2,10 +2,15 @@
 //! then a fit of position, depth and brightness with the images and derivatives of the model.
 //!
 //! The model is free of noise, so the fit can reach the Cramér-Rao bound except for overlapping particles.
-//! Particles are spheres with the diameter of a calibration particle and any brightness. The calibration
+//! Where the optics vary over the field of view, the fit uses the model at each particle's place, the search
+//! that of the middle. Particles are spheres with the diameter of a calibration particle and any brightness. The calibration
 //! stacks provide the counts per ray and the camera noise.
 
+use std::path::Path;
+
+use dataset::manifest::Manifest;
 use microsig_core::emission::SpheroidLaw;
+use microsig_core::optics::FieldOptics;
 use microsig_core::render::{Gradient, RenderMethod, Renderer, RendererSpec, Window};
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
@@ -24,6 +29,9 @@ use storage::table_cache::context;
 
 /// Tolerance of the model images, relative to their peaks.
 const TOLERANCE: f64 = 3e-3;
+
+/// Tolerance of images that depend on the place in the field, whose tables take long.
+const TOLERANCE_OF_FIELD: f64 = 0.02;
 
 /// Relative error of the model images assumed in the weights.
 const MODEL_ERROR: f32 = 0.01;
@@ -50,6 +58,8 @@ struct ModelImages {
     unit: f64,
     /// Central pixel of the renderer's sensor, from 1.
     middle: i64,
+    /// Images at their places on the whole sensor, if the optics vary over the field.
+    over_field: Option<Renderer>,
     depths_um: Vec<f64>,
     /// Half widths at these depths, px.
     radii: Vec<usize>,
@@ -83,8 +93,25 @@ fn of_size(job: &Job, stack: Stack, origin: &Origin) -> Result<(Templates, Model
         image
     });
     let templates = Templates::new(stack.depths_um, images.collect(), stack.noise);
+    // From here on; templates are those of the middle of the field.
+    if let Some(renderer) = over_field(job.dataset, origin)? {
+        job.note("images by the optics at the place of each particle in the field of view".to_owned());
+        model.over_field = Some(renderer);
+    }
     model.radii = model.depths_um.iter().map(|&z| templates.radius_px(z, 0.0)).collect();
     Ok((templates, model))
+}
+
+/// The renderer of a whole sensor, if the optics vary over it.
+fn over_field(dataset: &Path, Origin { settings, waves, .. }: &Origin) -> Result<Option<Renderer>> {
+    let Some(optics) = waves.clone().filter(|optics| optics.field != FieldOptics::default()) else {
+        return Ok(None);
+    };
+    let Some(sensor) = Manifest::read(dataset)?.microsig.sensor else { return Ok(None) };
+    let settings =
+        Settings { pixel_dim_x: sensor.width_px, pixel_dim_y: sensor.height_px, ..settings.clone() };
+    let method = RenderMethod::Waves { optics, tolerance: TOLERANCE_OF_FIELD };
+    Ok(Some(RendererSpec::from(method).build(&settings, &context())?))
 }
 
 impl ModelImages {
@@ -102,7 +129,17 @@ impl ModelImages {
         let renderer = RendererSpec::from(method).build(&settings, &context())?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
-        Ok(ModelImages { renderer, d_um, depth_factor, zero_um, unit: 1.0, middle, depths_um, radii })
+        Ok(ModelImages {
+            renderer,
+            d_um,
+            depth_factor,
+            zero_um,
+            unit: 1.0,
+            middle,
+            over_field: None,
+            depths_um,
+            radii,
+        })
     }
 
     /// The stack computed by the model, on squares of this side.
@@ -152,11 +189,16 @@ impl ParticleImages for ModelImages {
 
     fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
         let middle = at.map(f64::round);
-        let [x, y] = [0, 1].map(|axis| self.middle as f64 + at[axis] - middle[axis]);
+        // Pixels from 1: in the middle of a small sensor, or at the place.
+        let (renderer, center) = match &self.over_field {
+            None => (&self.renderer, [self.middle; 2]),
+            Some(renderer) => (renderer, middle.map(|at| at as i64 + 1)),
+        };
+        let [x, y] = [0, 1].map(|axis| center[axis] as f64 + at[axis] - middle[axis]);
         let particle = Particle::sphere(x, y, (z_um - self.zero_um) / self.depth_factor, self.d_um);
-        let (corner, side) = (self.middle - radius as i64, 2 * radius + 1);
-        let window = Window { x0: corner, y0: corner, width: side, height: side };
-        let pixels = self.renderer.gradient(&particle, Some(window)).map(|Gradient { pixels, .. }| pixels);
+        let ([x0, y0], side) = (center.map(|center| center - radius as i64), 2 * radius + 1);
+        let window = Window { x0, y0, width: side, height: side };
+        let pixels = renderer.gradient(&particle, Some(window)).map(|Gradient { pixels, .. }| pixels);
         let by_z = self.unit / self.depth_factor;
         let light = pixels
             .unwrap_or_default()
