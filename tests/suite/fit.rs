@@ -288,3 +288,25 @@ fn a_passing_neighbor_does_not_move_the_settings() {
         assert!((new - old).abs() < 2.0 * sd, "{name}: {old} to {new} +- {sd}");
     }
 }
+
+#[test]
+fn a_field_needs_waves_a_diameter_and_a_corrected_lens() {
+    let place = tempfile::tempdir().unwrap();
+    let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
+    write_pages(&scan, (61, 61), &single(9).planes(1).unwrap()).unwrap();
+    let base = [&arguments(&scan, &out)[..], &["--z-step", "6", "--field"]].concat();
+    let refused = |more: &[&str]| fail(2, &[&base[..], more].concat());
+    assert!(refused(&[]).contains("--diameter"));
+    assert!(refused(&["--diameter", "2"]).contains("--field: expected with --model waves and --diameter"));
+    let waves = ["--diameter", "2", "--model", "waves", "--wavelength", "0.5"];
+    let lens = refused(&[&waves[..], &["--lens", "microsig"]].concat());
+    assert!(lens.contains("--field: expected --lens aplanatic"), "{lens}");
+    let few = refused(&[&waves[..], &["--window", "21"]].concat());
+    assert!(
+        few.contains(
+            "1 single particles of 1 with windows of 21 x 21 px; the laws of a field need at least 8"
+        ),
+        "{few}"
+    );
+    assert!(!out.exists());
+}

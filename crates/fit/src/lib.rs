@@ -45,7 +45,9 @@ use state::State;
 
 pub use comparison::{Comparison, Score};
 pub use evidence::{Evidence, MeasuredImage, Sample};
-pub use field::{Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, FieldParticle, fit_field};
+pub use field::{
+    Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, FieldParticle, PlaneImages, fit_field,
+};
 pub use images::Watch;
 pub use linear::Symmetric;
 pub use optics::{ExtraParameter, Given};

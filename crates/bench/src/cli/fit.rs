@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use super::Common;
 use super::choice::choice;
 use super::output::{progress, report, warn};
-use crate::report::fit_page;
+use crate::report::{field_page, fit_page};
 use fit::{
     Astigmatic, ExtraParameter, FieldFit, FieldOptions, FitOptions, Fitted, Given, Scan, StagePositions,
     Verdict, WaveModel, fit, fit_field,
@@ -145,7 +145,7 @@ fn field_text(fitted: &FieldFit, out: &Path) -> String {
         text += &format!("  {key:<34} {value:>10.5} +- {:.5} {unit}\n", 1.96 * sd);
     }
     text += &format!(
-        "Images by these laws: R^2 {:.4}, chi^2 per pixel {:.2} (noise of one frame)\n{}: scenario.ron (twin), field.json, particles.csv",
+        "Images by these laws: R^2 {:.4}, chi^2 per pixel {:.2} (noise of one frame)\n{}: report.html, scenario.ron (twin), settings.txt, field.json, particles.csv",
         fitted.r2_of_laws,
         fitted.chi2_of_laws,
         out.display()
@@ -216,6 +216,8 @@ impl Fit {
         let spinner = progress(common).spinner("fit");
         let made = fit_field(scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
         spinner.finish_and_clear();
+        let page = field_page(&made, &self.scan.display().to_string(), [scan.width, scan.height])?;
+        storage::save_bytes(&partial.folder().join("report.html"), page.as_bytes())?;
         for (name, bytes) in &made.files {
             storage::save_bytes(&partial.folder().join(name), bytes)?;
         }

@@ -1,24 +1,17 @@
 //! The report of a fit of a microscope: fitted quantities, quality of the fit, next steps.
 
-use std::io::Cursor;
-
-use base64::Engine;
-use base64::prelude::BASE64_STANDARD;
-use image::{GrayImage, ImageFormat, Luma, Rgb, RgbImage};
 use maud::{Markup, html};
 
 use super::figure::{figure_of, names};
 use super::page::document;
 use super::plots::{AxisLabels, Series, Style, lines};
+use super::tiles::{self, SHOWN_SD};
 use fit::{Evidence, Fitted, Parameter, Sample, Verdict};
-use storage::error::{Error, Result};
+use storage::error::Result;
 
 /// Number of planes and of particles in the montage.
 const COLUMNS: usize = 11;
 const ROWS: usize = 3;
-
-/// Residuals are shown from minus to plus this many standard deviations.
-const SHOWN_SD: f32 = 5.0;
 
 /// The first series of a plot is the data, the second the model.
 const KINDS: [&str; 2] = ["data", "model"];
@@ -81,7 +74,7 @@ fn with_error(p: &Parameter) -> String {
 }
 
 /// Decimals that show two digits of a number.
-fn decimals(value: f64) -> usize {
+pub(super) fn decimals(value: f64) -> usize {
     if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 9.0) as usize } else { 4 }
 }
 
@@ -114,35 +107,8 @@ fn montage(evidence: &Evidence) -> Result<Markup> {
 
 /// One image of the montage, as a data URI.
 fn tile(evidence: &Evidence, sample: &Sample, of: usize) -> Result<String> {
-    let edge = evidence.edge_px as u32;
-    let brightest = |counts: &[f32]| counts.iter().copied().filter(|v| v.is_finite()).fold(1e-6, f32::max);
-    let white = brightest(&sample.data.counts).max(brightest(&sample.model.counts));
-    let at = |x: u32, y: u32| (y * edge + x) as usize;
-    let mut png = Cursor::new(Vec::new());
-    let failed = |e: image::ImageError| Error::input(format!("montage: {e}"));
-    if of == 2 {
-        RgbImage::from_fn(edge, edge, |x, y| Rgb(shade(sample.residual[at(x, y)], x + y)))
-            .write_to(&mut png, ImageFormat::Png)
-            .map_err(failed)?;
-    } else {
-        let counts = if of == 0 { &sample.data.counts } else { &sample.model.counts };
-        let level = |v: f32| if v.is_finite() { (255.0 * v / white).clamp(0.0, 255.0) as u8 } else { 96 };
-        GrayImage::from_fn(edge, edge, |x, y| Luma([level(counts[at(x, y)])]))
-            .write_to(&mut png, ImageFormat::Png)
-            .map_err(failed)?;
-    }
-    Ok(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png.into_inner())))
-}
-
-/// Color of a residual: blue below zero, red above; stripes on pixels of other particles.
-fn shade(residual: f32, stripe: u32) -> [u8; 3] {
-    if !residual.is_finite() {
-        return if stripe.is_multiple_of(4) { [140; 3] } else { [225; 3] };
-    }
-    let strength = (residual.abs() / SHOWN_SD).min(1.0);
-    let fade = |full: f32| (255.0 + (full - 255.0) * strength) as u8;
-    let [r, g, b] = if residual < 0.0 { [11.0, 98.0, 184.0] } else { [196.0, 67.0, 43.0] };
-    [fade(r), fade(g), fade(b)]
+    let [data, model] = [&sample.data.counts, &sample.model.counts].map(Vec::as_slice);
+    tiles::of(evidence.edge_px, [data, model, &sample.residual], of)
 }
 
 fn plots(fitted: &Fitted, evidence: &Evidence) -> Result<Vec<Markup>> {
@@ -284,14 +250,6 @@ fn next(fitted: &Fitted, out: &str) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn residuals_fade_from_white_to_their_color() {
-        assert_eq!(shade(0.0, 1), [255; 3]);
-        assert_eq!(shade(9.0, 1), [196, 67, 43]);
-        assert_eq!(shade(-SHOWN_SD, 1), [11, 98, 184]);
-        assert_ne!(shade(f32::NAN, 4), shade(f32::NAN, 5));
-    }
 
     #[test]
     fn errors_have_two_digits() {

@@ -1,6 +1,7 @@
 //! Presentation of scores: terminal table, JSON, CSV, and an HTML report with plots.
 
 mod compare;
+mod field_page;
 mod field_plots;
 mod figure;
 mod files;
@@ -15,6 +16,7 @@ mod plots;
 mod score_file;
 mod sweep_plots;
 mod table;
+mod tiles;
 
 use std::path::{Path, PathBuf};
 
@@ -24,6 +26,7 @@ use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{outside_datasets, save_bytes};
 
 pub use compare::{Comparison, Named, Ranking, compare, ranking};
+pub(crate) use field_page::field_page;
 pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 use files::UNITS;

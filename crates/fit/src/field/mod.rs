@@ -30,7 +30,7 @@ use local::{
     ASTIGMATISM, BLUR, COMA, FOCUS, Instrument, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION, X, Y,
 };
 use outcome::Outcome;
-pub use outcome::{FieldFiles, FieldFit, FieldImages, FieldParticle};
+pub use outcome::{FieldFiles, FieldFit, FieldImages, FieldParticle, PlaneImages};
 use particle::{COARSE, FINE, Fit, Subject};
 use storage::error::{Error, Result};
 

@@ -48,8 +48,21 @@ pub struct FieldImages {
     pub particle: usize,
     /// Edge of an image, px.
     pub edge: usize,
-    /// For each plane its stage position (um), data and model, counts above the background.
-    pub planes: Vec<(f64, Vec<f64>, Vec<f64>)>,
+    /// The planes.
+    pub planes: Vec<PlaneImages>,
+}
+
+/// Data and model of a plane; pixels that are lit by neighbors are NaN.
+#[derive(Debug, Clone)]
+pub struct PlaneImages {
+    /// Stage position, um.
+    pub stage_um: f64,
+    /// Counts above the background.
+    pub data: Vec<f32>,
+    /// The same by the laws of the field.
+    pub model: Vec<f32>,
+    /// Data less model in standard deviations of the noise.
+    pub residual: Vec<f32>,
 }
 
 /// The result of a fit of a whole field.
@@ -257,6 +270,9 @@ fn light_law(light: &[([f64; 2], f64)]) -> (f64, f64) {
     (slope / center, libm::sqrt(variance / spread) / center)
 }
 
+/// Number of planes of a particle in a report.
+const SHOWN_PLANES: usize = 11;
+
 /// Three single particles: near the center, halfway, and far out.
 fn center_to_corner(particles: &[FieldParticle]) -> Vec<usize> {
     let singles: Vec<usize> = (0..particles.len()).filter(|k| particles[*k].is_single).collect();
@@ -267,18 +283,27 @@ fn center_to_corner(particles: &[FieldParticle]) -> Vec<usize> {
 
 fn images(particle: usize, subject: &Subject, fit: &Fit) -> FieldImages {
     let edge = 2 * subject.half + 1;
-    let planes = evenly(subject.planes.len(), 7).into_iter().map(|i| {
+    let planes = evenly(subject.planes.len(), SHOWN_PLANES).into_iter().map(|i| {
         let plane = subject.planes[i];
         let seen = &fit.seen[i];
-        let (mut data, mut model) = (vec![0.0; edge * edge], vec![0.0; edge * edge]);
-        let is_used = |pixel: usize| subject.masks.get(i).is_none_or(|mask| mask[pixel]);
-        let pixels = subject.window.pixels.iter().zip(&seen.model).enumerate();
-        for (_, ((at, [dx, dy]), value)) in pixels.filter(|(pixel, _)| is_used(*pixel)) {
+        let mut images = PlaneImages {
+            stage_um: subject.frames.stage_um[plane],
+            data: vec![f32::NAN; edge * edge],
+            model: vec![f32::NAN; edge * edge],
+            residual: vec![f32::NAN; edge * edge],
+        };
+        for (pixel, ((at, [dx, dy]), value)) in subject.window.pixels.iter().zip(&seen.model).enumerate() {
+            if !subject.masks.get(i).is_none_or(|mask| mask[pixel]) {
+                continue;
+            }
             let place = (dy + subject.half as f64) as usize * edge + (dx + subject.half as f64) as usize;
-            data[place] = subject.frames.planes[plane][*at] - seen.background;
-            model[place] = value - seen.background;
+            let count = subject.frames.planes[plane][*at];
+            images.data[place] = (count - seen.background) as f32;
+            images.model[place] = (value - seen.background) as f32;
+            images.residual[place] =
+                ((count - value) / libm::sqrt(subject.frames.variance(plane, *at))) as f32;
         }
-        (subject.frames.stage_um[plane], data, model)
+        images
     });
     FieldImages { particle, edge, planes: planes.collect() }
 }
