@@ -9,7 +9,7 @@ use super::options::Emission;
 use super::pixel::{self, Axis};
 use super::pupil::{Pupil, Radii};
 use super::quadrant::Quadrant;
-use super::slices::{self, Convolution};
+use super::slices::{self, Convolution, Sphere};
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::cancel::checkpoint;
 use crate::render::instructions::InstructionSet;
@@ -487,8 +487,8 @@ impl Model {
     ) -> Vec<f64> {
         let end = useful.unwrap_or(self.pupil.aperture());
         let phases = line.k() * radius_um * self.pupil.sagitta(end);
-        let slices = slices::slices(self.emission, radius_um, phases, self.tolerance);
-        let modes = self.bead(&general.radii, &general.weights, z_um, &[], line, useful).points(&slices);
+        let depths_um = slices::depths(self.emission, radius_um, phases, self.tolerance);
+        let modes = self.bead(&general.radii, &general.weights, z_um, &[], line, useful).points(&depths_um);
         let mut lights = general.lights(&modes, line.k(), self.instructions);
         if radius_um == 0.0 {
             return lights.remove(0);
@@ -506,7 +506,8 @@ impl Model {
                 magnifications[1] * (y * cosine - x * sine),
             )
         };
-        convolution.sum(&slices, &lights, frequency)
+        let sphere = Sphere { emission: self.emission, radius_um, depths_um: &depths_um };
+        convolution.sum(&sphere, &lights, frequency)
     }
 
     /// Sums round images of all wavelengths on the grid.

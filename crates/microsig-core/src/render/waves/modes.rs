@@ -9,7 +9,6 @@
 use super::bead::Ring;
 use super::bessel::bessel;
 use super::pupil::{Pupil, Radii};
-use super::slices::Slice;
 
 /// Maximum number of orders, sufficient for all particles that can be rendered.
 const MAX_ORDERS: usize = 400;
@@ -115,16 +114,11 @@ impl Bead<'_> {
         found.iter().map(mode).collect()
     }
 
-    /// A point at the depth of each slice, with the slice's light.
-    pub(super) fn points(&self, slices: &[Slice]) -> Modes {
+    /// Points at these depths relative to the particle's center, um, each with all of the light.
+    pub(super) fn points(&self, depths_um: &[f64]) -> Modes {
         let center = self.pupil.fan(self.z_um, self.radii, self.useful);
-        let mode = |slice: &Slice| {
-            let (mut values, _) = self.at_depth(slice.depth_um, &center.phase);
-            let root = libm::sqrt(slice.weight);
-            values.iter_mut().flatten().for_each(|v| *v *= root);
-            Mode { order: 0, values }
-        };
-        Modes { modes: slices.iter().map(mode).collect(), phase: center.phase }
+        let mode = |depth: &f64| Mode { order: 0, values: self.at_depth(*depth, &center.phase).0 };
+        Modes { modes: depths_um.iter().map(mode).collect(), phase: center.phase }
     }
 
     /// Pupil function at a depth relative to the particle's center, with the phase relative to that of the

@@ -1,72 +1,100 @@
 //! A particle as slices across the optical axis, for lenses whose images do not depend on the distance from
 //! the axis (the aplanatic one).
 //!
-//! All emitters of a slice have the image of a point at its depth, displaced. The light of a slice is
-//! therefore that of a point, convolved with the slice's shape: a circle of emitters for a particle that
-//! shines at its surface, a disc for one that shines throughout. A few slices replace tens of coherent modes,
-//! since depth enters a pupil function by k z (1 - cos), the distance from the axis by k r sin.
+//! All emitters at one depth have the image of a point at this depth, displaced: a circle of emitters for a
+//! particle that shines at its surface, a disc for one that shines throughout. The image of a point changes
+//! slowly with depth, by k z (1 - cos), and is interpolated between a few depths; the shape of the particle
+//! changes fast, by k r sin, but its Fourier transform is known. The light of a particle is therefore that of
+//! points at a few depths, each convolved with the integral over depth of shape times interpolation weight.
+//! These few replace tens of coherent modes.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlannerScalar};
 
 use super::options::Emission;
 use crate::quadrature::gauss_legendre_on;
+use crate::render::spline;
 
-/// Emitters at one depth.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Slice {
-    /// Depth relative to the particle's center, um, growing away from the lens.
-    pub(super) depth_um: f64,
-    /// Fraction of the particle's light.
-    pub(super) weight: f64,
-    radius_um: f64,
-    /// Whether emitters fill the circle.
-    is_disc: bool,
-}
-
-/// Slices of a sphere. `phases`: k d/2 (1 - cos) of the outermost ray, the range of phases between its middle
-/// and its end; `tolerance`: their error relative to the peak.
-pub(super) fn slices(emission: Emission, radius_um: f64, phases: f64, tolerance: f64) -> Vec<Slice> {
+/// Depths of the points that stand for a particle, um relative to its center, growing away from the lens.
+/// `phases`: k d/2 (1 - cos) of the outermost ray, the range of phases between its middle and its end;
+/// `tolerance`: their error relative to the peak.
+pub(super) fn depths(emission: Emission, radius_um: f64, phases: f64, tolerance: f64) -> Vec<f64> {
     if radius_um == 0.0 {
-        return vec![Slice { depth_um: 0.0, weight: 1.0, radius_um: 0.0, is_disc: false }];
+        return vec![0.0];
     }
-    // Errors of about 1e-2, 1e-3 and 1e-4 of the peak.
-    let (base, more) = (if tolerance > 5e-3 { 1.6 } else { 2.6 }, usize::from(tolerance < 1e-3));
     // The hemisphere is half as long as the ball.
-    let (from, to, range, is_disc) = match emission {
-        Emission::Surface => (-1.0, 0.0, 0.5 * phases, false),
-        Emission::Volume => (-1.0, 1.0, phases, true),
-    };
-    let (nodes, weights) = gauss_legendre_on(from, to, libm::ceil(base + range) as usize + more);
-    let slice = |(u, weight): (&f64, &f64)| {
-        let across = 1.0 - u * u;
-        let light = if is_disc { 0.75 * across * weight } else { *weight };
-        Slice { depth_um: radius_um * u, weight: light, radius_um: radius_um * libm::sqrt(across), is_disc }
-    };
-    nodes.iter().zip(&weights).map(slice).collect()
+    let (from, to) = ends(emission);
+    let range = 0.5 * (to - from) * phases;
+    // Errors are a small part of the tolerance.
+    let (base, more) = (if tolerance > 5e-3 { 1.0 } else { 1.6 }, usize::from(tolerance < 1e-3));
+    let (nodes, _) = gauss_legendre_on(from, to, libm::ceil(base + range) as usize + more);
+    nodes.iter().map(|u| radius_um * u).collect()
 }
 
-impl Slice {
-    /// The Fourier transform of its shape at a spatial frequency, cycles/um.
-    fn spectrum(&self, frequency: f64) -> f64 {
-        let x = 2.0 * std::f64::consts::PI * self.radius_um * frequency;
-        match self.is_disc {
-            false => libm::j0(x),
-            true if x < 1e-4 => 1.0,
-            true => 2.0 * libm::j1(x) / x,
+/// The range of depths of emitters, in units of the radius.
+fn ends(emission: Emission) -> (f64, f64) {
+    match emission {
+        Emission::Surface => (-1.0, 0.0),
+        Emission::Volume => (-1.0, 1.0),
+    }
+}
+
+/// The particle in the particles' space, and the light by which it is seen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sphere<'a> {
+    pub(super) emission: Emission,
+    pub(super) radius_um: f64,
+    /// See [`depths`].
+    pub(super) depths_um: &'a [f64],
+}
+
+/// Number of steps of a table of spectra, with linear interpolation.
+const SPECTRA: usize = 2048;
+
+impl Sphere<'_> {
+    /// The Fourier transforms of shape times interpolation weight of each depth, at equidistant spatial
+    /// frequencies up to the highest one, cycles/um.
+    fn spectra(&self, highest: f64) -> Vec<Vec<f64>> {
+        let Sphere { emission, radius_um, depths_um } = *self;
+        let (from, to) = ends(emission);
+        let etendue = 2.0 * std::f64::consts::PI * radius_um * highest;
+        let (nodes, weights) = gauss_legendre_on(from, to, libm::ceil(0.6 * etendue) as usize + 16);
+        // By node: radius there, and the weights of the depths times the share of the light.
+        let across = |u: f64| libm::sqrt(1.0 - u * u);
+        let of_node: Vec<(f64, Vec<f64>)> = nodes
+            .iter()
+            .zip(&weights)
+            .map(|(u, weight)| {
+                let light = match emission {
+                    Emission::Surface => *weight,
+                    Emission::Volume => 0.75 * (1.0 - u * u) * weight,
+                };
+                let of_depths = spline::lagrange(depths_um, radius_um * u);
+                (radius_um * across(*u), of_depths.into_iter().map(|(w, _)| light * w).collect())
+            })
+            .collect();
+        let mut spectra = vec![vec![0.0; SPECTRA + 2]; depths_um.len()];
+        for i in 0..SPECTRA + 2 {
+            let frequency = highest * i as f64 / SPECTRA as f64;
+            for (radius, of_depths) in &of_node {
+                let x = 2.0 * std::f64::consts::PI * radius * frequency;
+                let shape = match emission {
+                    Emission::Surface => libm::j0(x),
+                    Emission::Volume if x < 1e-4 => 1.0,
+                    Emission::Volume => 2.0 * libm::j1(x) / x,
+                };
+                spectra.iter_mut().zip(of_depths).for_each(|(spectrum, w)| spectrum[i] += w * shape);
+            }
         }
-    }
-
-    /// The same at equidistant frequencies up to the highest one.
-    fn spectra(&self, highest: f64) -> Vec<f64> {
-        (0..SPECTRA + 2).map(|i| self.spectrum(highest * i as f64 / SPECTRA as f64)).collect()
+        spectra
     }
 }
 
-/// Number of steps of a table of spectra, with linear interpolation: errors of 1e-6 up to ten rings.
-const SPECTRA: usize = 4096;
+/// Spectra of a sphere, by its radius and the highest frequency (as bits).
+type Known = BTreeMap<(u64, u64), Arc<Vec<Vec<f64>>>>;
 
 /// Convolves light on a grid that is periodic.
 pub(super) struct Convolution {
@@ -74,6 +102,8 @@ pub(super) struct Convolution {
     points: [usize; 2],
     /// Forward and backward, along x and y.
     transforms: [[Arc<dyn Fft<f64>>; 2]; 2],
+    /// Spectra are the same for all images of a size.
+    known: Mutex<Known>,
 }
 
 impl std::fmt::Debug for Convolution {
@@ -105,15 +135,15 @@ impl Convolution {
             let n = points[axis];
             [planner.plan_fft_forward(n), planner.plan_fft_inverse(n)]
         });
-        Convolution { points, transforms }
+        Convolution { points, transforms, known: Mutex::default() }
     }
 
-    /// The sum of the light of slices, each given on the grid as that of points at the depth of the slice;
-    /// `frequency` is the spatial frequency in the particle's space (cycles/um) of a wave with these cycles
-    /// per grid along x and y.
+    /// The light of a sphere, from that of points at its depths, each given on the grid; `frequency` is the
+    /// spatial frequency in the particle's space (cycles/um) of a wave with these cycles per grid along x and
+    /// y.
     pub(super) fn sum(
         &self,
-        slices: &[Slice],
+        sphere: &Sphere<'_>,
         lights: &[Vec<f64>],
         frequency: impl Fn([f64; 2]) -> f64,
     ) -> Vec<f64> {
@@ -123,18 +153,18 @@ impl Convolution {
             .map(|at| frequency([cycles(at % columns, columns), cycles(at / columns, rows)]))
             .collect();
         let highest = frequencies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let spectra = self.spectra(sphere, highest);
         let mut sum = vec![Complex::default(); columns * rows];
         // Two real grids are the real and the imaginary part of one: shapes are even, so their products with
         // the spectra of both parts come from that of the whole and its mirror image.
-        for (pair, lights) in slices.chunks(2).zip(lights.chunks(2)) {
+        for (pair, lights) in spectra.chunks(2).zip(lights.chunks(2)) {
             let mut both: Vec<Complex<f64>> = match lights {
                 [a, b] => a.iter().zip(b).map(|(a, b)| Complex::new(*a, *b)).collect(),
                 [a, ..] => a.iter().map(|a| Complex::new(*a, 0.0)).collect(),
                 [] => break,
             };
             self.transform(&mut both, 0);
-            let shapes: Vec<Vec<f64>> = pair.iter().map(|slice| slice.spectra(highest)).collect();
-            let last = shapes.len() - 1;
+            let last = pair.len() - 1;
             for (at, sum) in sum.iter_mut().enumerate() {
                 let mirrored = (rows - at / columns) % rows * columns + (columns - at % columns) % columns;
                 let (z, m) = (both[at], both[mirrored].conj());
@@ -142,13 +172,25 @@ impl Convolution {
                 let cell = place as usize;
                 let shape =
                     |table: &[f64]| table[cell] + (place - cell as f64) * (table[cell + 1] - table[cell]);
-                let (first, second) = (shape(&shapes[0]), shape(&shapes[last]));
+                let (first, second) = (shape(&pair[0]), shape(&pair[last]));
                 *sum += 0.5 * ((z + m) * first + (z - m) * second);
             }
         }
         self.transform(&mut sum, 1);
         let scale = 1.0 / (columns * rows) as f64;
         sum.iter().map(|z| (z.re + z.im) * scale).collect()
+    }
+
+    fn spectra(&self, sphere: &Sphere<'_>, highest: f64) -> Arc<Vec<Vec<f64>>> {
+        let key = (sphere.radius_um.to_bits(), highest.to_bits());
+        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(spectra) = known().get(&key) {
+            return Arc::clone(spectra);
+        }
+        // No lock is held: another thread that needs the same makes identical ones.
+        let spectra = Arc::new(sphere.spectra(highest));
+        known().insert(key, Arc::clone(&spectra));
+        spectra
     }
 
     fn transform(&self, grid: &mut Vec<Complex<f64>>, direction: usize) {
@@ -172,41 +214,29 @@ fn transposed(grid: &[Complex<f64>], columns: usize, rows: usize) -> Vec<Complex
 mod tests {
     use super::*;
 
-    /// Total, mean depth and mean square distance from the axis are those of a hemisphere and of a ball.
-    #[test]
-    fn moments_are_those_of_the_solid() {
-        for (emission, depth, across) in [(Emission::Surface, -1.0, 8.0 / 3.0), (Emission::Volume, 0.0, 1.6)]
-        {
-            let slices = slices(emission, 2.0, 0.6, 2e-3);
-            let sum =
-                |f: fn(&Slice) -> f64| -> f64 { slices.iter().map(|slice| slice.weight * f(slice)).sum() };
-            assert!((sum(|_| 1.0) - 1.0).abs() < 1e-13);
-            assert!((sum(|slice| slice.depth_um) - depth).abs() < 1e-13);
-            let square =
-                |slice: &Slice| slice.radius_um * slice.radius_um * if slice.is_disc { 0.5 } else { 1.0 };
-            assert!((sum(square) - across).abs() < 0.05, "{emission:?} {}", sum(square));
-        }
-    }
-
-    /// Convolved with their shapes, slices of a spot have the sum of its light, and are as much wider as the
-    /// shapes are.
+    /// Convolved with their shapes, points have the sum of their light, and are as much wider as a ball or a
+    /// hemisphere is.
     #[test]
     fn convolution_conserves_light_and_adds_variances() {
         let (n, step) = (odd_and_smooth(100), 0.25);
         assert_eq!(n, 105);
-        let slices = slices(Emission::Volume, 2.0, 1.2, 2e-3);
         let at = |i: usize| (i as f64 - (n / 2) as f64) * step;
         let spot: Vec<f64> = (0..n * n)
             .map(|i| libm::exp(-0.5 * (at(i % n) * at(i % n) + at(i / n) * at(i / n)) / 0.64))
             .collect();
-        let lights: Vec<Vec<f64>> =
-            slices.iter().map(|slice| spot.iter().map(|v| slice.weight * v).collect()).collect();
         let period = n as f64 * step;
-        let seen = Convolution::new([n, n]).sum(&slices, &lights, |[x, y]| libm::hypot(x, y) / period);
-        let total: f64 = seen.iter().sum();
-        assert!((total / spot.iter().sum::<f64>() - 1.0).abs() < 1e-9);
-        let variance = seen.iter().enumerate().map(|(i, v)| v * at(i % n) * at(i % n)).sum::<f64>() / total;
-        // A ball of radius 2: 4/5.
-        assert!((variance - 0.64 - 0.8).abs() < 1e-3, "{variance}");
+        // R^2 / 5 and R^2 / 3.
+        for (emission, expected) in [(Emission::Volume, 0.8), (Emission::Surface, 4.0 / 3.0)] {
+            let depths_um = depths(emission, 2.0, 1.2, 2e-3);
+            let lights = vec![spot.clone(); depths_um.len()];
+            let sphere = Sphere { emission, radius_um: 2.0, depths_um: &depths_um };
+            let convolution = Convolution::new([n, n]);
+            let seen = convolution.sum(&sphere, &lights, |[x, y]| libm::hypot(x, y) / period);
+            let total: f64 = seen.iter().sum();
+            assert!((total / spot.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+            let variance =
+                seen.iter().enumerate().map(|(i, v)| v * at(i % n) * at(i % n)).sum::<f64>() / total;
+            assert!((variance - 0.64 - expected).abs() < 1e-3, "{emission:?}: {variance}");
+        }
     }
 }
