@@ -28,6 +28,8 @@ pub(super) struct ParticleFit {
     /// Position relative to the center of the first pixel, px.
     pub(super) at: [f64; 2],
     pub(super) z_um: f64,
+    /// A depth on the other side of the focus whose image resembles the data nearly as well.
+    pub(super) other_z_um: Option<f64>,
     pub(super) amplitude: f64,
     /// Reduction of chi^2 (the weighted sum of squares) by the particle.
     pub(super) chi2_reduction: f64,
@@ -111,8 +113,15 @@ impl ParticleFit {
     ) -> Option<ParticleFit> {
         let radius = images.radius_px(z_um, 3.0 * step_um);
         let [low, high] = images.depths_um();
-        let mut best =
-            ParticleFit { size: 0, at, z_um, amplitude: 0.0, chi2_reduction: 0.0, correlation: 0.0 };
+        let mut best = ParticleFit {
+            size: 0,
+            at,
+            z_um,
+            other_z_um: None,
+            amplitude: 0.0,
+            chi2_reduction: 0.0,
+            correlation: 0.0,
+        };
         let (mut next, mut damping) = (best, 1e-3f64);
         let mut normal = (DMat4::ZERO, DVec4::ZERO);
         for k in 0..MAX_ITERATIONS {

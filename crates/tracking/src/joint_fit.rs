@@ -56,11 +56,14 @@ pub(super) fn fit_all(
     model: &Model,
     mut particles: Vec<ParticleFit>,
 ) -> Vec<ParticleFit> {
-    for _ in 0..ROUNDS {
+    for round in 1..=ROUNDS {
         let mut frame = Frame::new(image, level, model, &particles);
         level += frame.adjust_background();
         for group in frame.groups(&particles) {
             frame.fit(&mut particles, &group);
+        }
+        if round == ROUNDS - 1 {
+            particles.iter_mut().for_each(|particle| frame.compare_sides(particle));
         }
         particles.retain(|particle| verdict(particle) == Verdict::Particle);
     }
@@ -140,6 +143,20 @@ impl<'a> Frame<'a> {
             self.add(&self.model.patch(&particle), -particle.amplitude);
             particles[*k] = particle;
         }
+    }
+
+    /// Moves a particle to the depth on the other side of the focus if it fits better there.
+    fn compare_sides(&mut self, particle: &mut ParticleFit) {
+        let Some(z_um) = particle.other_z_um.take() else { return };
+        self.add(&self.model.patch(particle), particle.amplitude);
+        for start in [*particle, ParticleFit { z_um, ..*particle }] {
+            for fitted in Region::new(self, &[start]).fitted(vec![start]) {
+                if fitted.chi2_reduction > particle.chi2_reduction {
+                    *particle = fitted;
+                }
+            }
+        }
+        self.add(&self.model.patch(particle), -particle.amplitude);
     }
 
     fn add(&mut self, patch: &ImagePatch, amplitude: f64) {

@@ -3,10 +3,8 @@
 //!
 //! The model is free of noise, so the fit can reach the Cramér-Rao bound except for overlapping particles.
 //! Where the optics vary over the field of view, the fit uses the model at each particle's place, the search
-//! that of the middle. Particles are spheres with the diameter of a calibration particle and any brightness. The calibration
+//! that of the nearest of a grid of places. Particles are spheres with the diameter of a calibration particle and any brightness. The calibration
 //! stacks provide the counts per ray and the camera noise.
-
-use std::path::Path;
 
 use dataset::manifest::Manifest;
 use microsig_core::emission::SpheroidLaw;
@@ -17,6 +15,7 @@ use rayon::prelude::*;
 
 use super::Method;
 use super::calibration::{self, Origin};
+use super::field_images::FieldPlaces;
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
@@ -29,6 +28,9 @@ use storage::table_cache::context;
 
 /// Tolerance of the model images, relative to their peaks.
 const TOLERANCE: f64 = 3e-3;
+
+/// Number of places across the field of view, in x and in y, with templates for the search.
+const PLACES: u32 = 5;
 
 /// Tolerance of images that depend on the place in the field, whose tables take long.
 const TOLERANCE_OF_FIELD: f64 = 0.02;
@@ -69,16 +71,37 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
     let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
-    let sizes = stacks.into_iter().zip(calibration::origins(job.dataset)?);
-    let sizes = sizes.map(|(stack, origin)| of_size(job, stack, &origin)).collect::<Result<_>>()?;
-    Ok(Locator::new(sizes, MODEL_ERROR, noise))
+    let sensor = Manifest::read(job.dataset)?.microsig.sensor;
+    let sensor = sensor.map(|sensor| [sensor.width_px, sensor.height_px]);
+    let (mut search, mut images) = (Vec::<Vec<Templates>>::new(), Vec::new());
+    for (stack, origin) in stacks.into_iter().zip(calibration::origins(job.dataset)?) {
+        let (templates, model) = of_size(job, stack, &origin, sensor)?;
+        search.resize_with(templates.len(), Vec::new);
+        search.iter_mut().zip(templates).for_each(|(of_place, templates)| of_place.push(templates));
+        images.push(model);
+    }
+    let places = FieldPlaces::new(sensor.map_or_else(Vec::new, places));
+    Ok(Locator::over_field(search, places, images, MODEL_ERROR, noise))
 }
 
-/// Templates and model of one size of particles.
-fn of_size(job: &Job, stack: Stack, origin: &Origin) -> Result<(Templates, ModelImages)> {
+/// Places of the field of view for which templates are made, px from 0.
+fn places(sensor: [u32; 2]) -> Vec<[f64; 2]> {
+    let at = |k: u32, side: u32| (f64::from(k) + 0.5) * f64::from(side) / f64::from(PLACES) - 0.5;
+    let row = |j: u32| (0..PLACES).map(move |i| [at(i, sensor[0]), at(j, sensor[1])]);
+    (0..PLACES).flat_map(row).collect()
+}
+
+/// Model of one size of particles, and its templates: in the middle, or at all places of the field of view if
+/// the optics vary over it.
+fn of_size(
+    job: &Job,
+    stack: Stack,
+    origin: &Origin,
+    sensor: Option<[u32; 2]>,
+) -> Result<(Vec<Templates>, ModelImages)> {
     let side = stack.images[0].width;
     let mut model = ModelImages::new(origin, &stack.depths_um, side)?;
-    let images = model.stack(side);
+    let images = model.stack([0.0; 2], side);
     let correlation = model.calibrate(&images, &stack.images)?;
     if correlation < LEAST_CORRELATION.1 {
         job.warn(format!(
@@ -87,29 +110,33 @@ fn of_size(job: &Job, stack: Stack, origin: &Origin) -> Result<(Templates, Model
             origin.d_um
         ));
     }
-    let unit = model.unit as f32;
-    let images = images.into_iter().map(|mut image| {
-        image.counts.iter_mut().for_each(|c| *c *= unit);
-        image
-    });
-    let templates = Templates::new(stack.depths_um, images.collect(), stack.noise);
-    // From here on; templates are those of the middle of the field.
-    if let Some(renderer) = over_field(job.dataset, origin)? {
+    let mut stacks = vec![images];
+    if let Some(sensor) = sensor
+        && let Some(renderer) = over_field(sensor, origin)?
+    {
         job.note("images by the optics at the place of each particle in the field of view".to_owned());
         model.over_field = Some(renderer);
+        stacks = places(sensor).into_iter().map(|at| model.stack(at, side)).collect();
     }
-    model.radii = model.depths_um.iter().map(|&z| templates.radius_px(z, 0.0)).collect();
+    let unit = model.unit as f32;
+    let templates: Vec<Templates> = stacks
+        .into_iter()
+        .map(|mut images| {
+            images.iter_mut().flat_map(|image| &mut image.counts).for_each(|c| *c *= unit);
+            Templates::new(stack.depths_um.clone(), images, stack.noise)
+        })
+        .collect();
+    let radius = |z_um: &f64| templates.iter().map(|of_place| of_place.radius_px(*z_um, 0.0)).max();
+    model.radii = model.depths_um.iter().map(|z_um| radius(z_um).unwrap_or(0)).collect();
     Ok((templates, model))
 }
 
 /// The renderer of a whole sensor, if the optics vary over it.
-fn over_field(dataset: &Path, Origin { settings, waves, .. }: &Origin) -> Result<Option<Renderer>> {
-    let Some(optics) = waves.clone().filter(|optics| optics.field != FieldOptics::default()) else {
+fn over_field([width, height]: [u32; 2], origin: &Origin) -> Result<Option<Renderer>> {
+    let Some(optics) = origin.waves.clone().filter(|optics| optics.field != FieldOptics::default()) else {
         return Ok(None);
     };
-    let Some(sensor) = Manifest::read(dataset)?.microsig.sensor else { return Ok(None) };
-    let settings =
-        Settings { pixel_dim_x: sensor.width_px, pixel_dim_y: sensor.height_px, ..settings.clone() };
+    let settings = Settings { pixel_dim_x: width, pixel_dim_y: height, ..origin.settings.clone() };
     let method = RenderMethod::Waves { optics, tolerance: TOLERANCE_OF_FIELD };
     Ok(Some(RendererSpec::from(method).build(&settings, &context())?))
 }
@@ -142,11 +169,13 @@ impl ModelImages {
         })
     }
 
-    /// The stack computed by the model, on squares of this side.
-    fn stack(&self, side: usize) -> Vec<GrayImage> {
+    /// The stack computed by the model for the pixel at this position, on squares of this side; divided by the
+    /// counts per ray.
+    fn stack(&self, at: [f64; 2], side: usize) -> Vec<GrayImage> {
+        let unit = self.unit as f32;
         let image = |z_um: &f64| {
-            let patch = self.patch([0.0; 2], *z_um, side / 2);
-            GrayImage { width: side, height: side, counts: patch.light.iter().map(|l| l[0]).collect() }
+            let patch = self.patch(at.map(f64::round), *z_um, side / 2);
+            GrayImage { width: side, height: side, counts: patch.light.iter().map(|l| l[0] / unit).collect() }
         };
         self.depths_um.par_iter().map(image).collect()
     }

@@ -29,6 +29,11 @@ const SAME_PLACE_PX: f64 = 3.0;
 /// One particle replaces two if it achieves this fraction of their combined reduction of chi^2.
 const AS_GOOD: f64 = 0.97;
 
+/// A fit at another depth is compared again in the final fit if it achieves this fraction of the reduction of
+/// chi^2; and the least difference of these depths, in depth steps.
+const NEARLY_AS_GOOD: f64 = 0.9;
+const OTHER_SIDE: f64 = 3.0;
+
 /// Maximum number of depths from which fits start.
 const STARTS: usize = 3;
 
@@ -212,10 +217,24 @@ impl<'a> Search<'a> {
             if let Some(better) =
                 self.fit(fit.size, fit.at, fit.z_um).filter(|fit| verdict(fit) == Verdict::Particle)
             {
+                let other_z_um = self.other_side(&better);
                 self.residual.add(self.templates, &better, -1.0);
-                self.found.push(better);
+                self.found.push(ParticleFit { other_z_um, ..better });
             }
         }
+    }
+
+    /// The depth of another fit that is nearly as good.
+    fn other_side(&self, fit: &ParticleFit) -> Option<f64> {
+        let [x, y] = fit.at.map(|at| at.round() as isize);
+        let apart = OTHER_SIDE * self.templates[fit.size].step_um();
+        let is_other = |other: &ParticleFit| {
+            (other.z_um - fit.z_um).abs() > apart
+                && other.chi2_reduction > NEARLY_AS_GOOD * fit.chi2_reduction
+                && verdict(other) == Verdict::Particle
+        };
+        let others = self.fits(fit.size, x, y).into_iter().filter(is_other);
+        others.max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction)).map(|other| other.z_um)
     }
 
     /// Match of a template at a pixel with the residual.
