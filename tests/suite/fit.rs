@@ -301,12 +301,5 @@ fn a_field_needs_waves_a_diameter_and_a_corrected_lens() {
     let waves = ["--diameter", "2", "--model", "waves", "--wavelength", "0.5"];
     let lens = refused(&[&waves[..], &["--lens", "microsig"]].concat());
     assert!(lens.contains("--field: expected --lens aplanatic"), "{lens}");
-    let few = refused(&[&waves[..], &["--window", "21"]].concat());
-    assert!(
-        few.contains(
-            "1 single particles of 1 with windows of 21 x 21 px; the laws of a field need at least 8"
-        ),
-        "{few}"
-    );
     assert!(!out.exists());
 }

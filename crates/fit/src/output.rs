@@ -53,6 +53,7 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
         depths_um: (low, high),
         px_um: microscope.pixel_size_um / microscope.magnification,
         particles: fitted.particles.len(),
+        brightness_sd: 0.0,
         optics,
         sensor: String::new(),
     };
@@ -69,6 +70,8 @@ pub(super) struct Twin {
     pub(super) px_um: f64,
     /// Number of particles in the scan.
     pub(super) particles: usize,
+    /// Standard deviation of the brightness of particles relative to its mean; 0 if all are alike.
+    pub(super) brightness_sd: f64,
     /// Keys of wave optics for `optics`, and the line `render`.
     pub(super) optics: (String, String),
     /// The line `sensor`; empty for MicroSIG's own.
@@ -107,6 +110,10 @@ impl Twin {
     pub(super) fn text(&self) -> String {
         let Twin { depth_factor, optics: (optics, render), sensor, .. } = self;
         let (low, high) = (round(self.depths_um.0, 2), round(self.depths_um.1, 2));
+        let c_int = match round(self.brightness_sd, 3) {
+            0.0 => String::new(),
+            sd => format!(", c_int: normal(mean: 1.0, sd: {sd:?})"),
+        };
         let speed = round(DISPLACEMENT_PX * self.px_um / DT_S, 1);
         format!(
             "// Images as the scanned microscope would record them; written by `microsig fit`.\n\
@@ -114,7 +121,7 @@ impl Twin {
              (\n    name: \"twin\",\n    description: \"Digital twin of a real microscope\",\n    \
              optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
              motion: flow(field: poiseuille(max_speed_um_s: {speed:?}, walls_z_um: ({low:?}, {high:?}))),\n    \
-             particles: (number: count({}), diameter_um: constant({})),\n    \
+             particles: (number: count({}), diameter_um: constant({}){c_int}),\n    \
              boundaries: (z_um: ({low:?}, {high:?})),\n    timing: pairs(count: 10, dt_s: {DT_S:?}),\n{render}{sensor})\n",
             self.particles.max(FEWEST_PARTICLES),
             round(self.diameter_um, 4),
@@ -158,7 +165,17 @@ mod tests {
 
     fn twin(depth_factor: f64, diameter_um: f64, depths_um: (f64, f64), optics: (String, String)) -> String {
         let sensor = String::new();
-        Twin { depth_factor, diameter_um, depths_um, px_um: 0.65, particles: 5, optics, sensor }.text()
+        Twin {
+            depth_factor,
+            diameter_um,
+            depths_um,
+            px_um: 0.65,
+            particles: 5,
+            brightness_sd: 0.2,
+            optics,
+            sensor,
+        }
+        .text()
     }
 
     #[test]

@@ -94,9 +94,15 @@ const ITERATIONS: usize = 8;
 /// Distance, in standard deviations, beyond which the weight of a particle falls.
 const FAR: f64 = 2.0;
 
+/// Fewest particles whose places determine laws; optics of fewer are taken as the same over the field.
+pub(super) const FEWEST: usize = 8;
+
 impl Laws {
     /// The laws that the particles follow; `None` if they do not determine them.
     pub(super) fn of(evidence: &[Evidence]) -> Option<Laws> {
+        let is_constant = |term: &&Term| (term.effect)([0.0; 2]).iter().any(|(_, by)| *by != 0.0);
+        let terms: Vec<&Term> =
+            TERMS.iter().filter(|term| evidence.len() >= FEWEST || is_constant(term)).collect();
         let quantities: Vec<usize> = (0..COUNT).filter(|q| *q != X && *q != Y).collect();
         let n = quantities.len();
         let place_of = |quantity: usize| quantities.iter().position(|q| *q == quantity);
@@ -104,11 +110,11 @@ impl Laws {
         let designs: Vec<Vec<f64>> = evidence
             .iter()
             .map(|of| {
-                let mut design = vec![0.0; n * TERMS.len()];
-                for (j, term) in TERMS.iter().enumerate() {
+                let mut design = vec![0.0; n * terms.len()];
+                for (j, term) in terms.iter().enumerate() {
                     for (quantity, by) in (term.effect)(of.place) {
                         if let Some(i) = place_of(quantity) {
-                            design[i * TERMS.len() + j] = by;
+                            design[i * terms.len() + j] = by;
                         }
                     }
                 }
@@ -150,7 +156,7 @@ impl Laws {
                     all.inverse()
                 })
                 .collect::<Option<Vec<Symmetric>>>()?;
-            let (found, sds, residuals) = regress(&designs, &values, &weights, &robust)?;
+            let (found, sds, residuals) = regress(terms.len(), &designs, &values, &weights, &robust)?;
             // Scatter beyond the covariances, from all but the particles far off.
             for i in 0..n {
                 let mut squares: Vec<f64> = residuals
@@ -170,7 +176,7 @@ impl Laws {
             solution = found;
             deviation = sds;
         }
-        let coefficients = TERMS.iter().zip(solution.iter().zip(&deviation)).map(|(term, (value, sd))| {
+        let coefficients = terms.iter().zip(solution.iter().zip(&deviation)).map(|(term, (value, sd))| {
             Coefficient { key: term.key, value: *value, sd: *sd, unit: term.unit }
         });
         Some(Laws { coefficients: coefficients.collect() })
@@ -187,9 +193,9 @@ impl Laws {
             local[index] = like[index];
         }
         local[MERIDIONAL] = 1.0;
-        for (term, coefficient) in TERMS.iter().zip(&self.coefficients) {
+        for term in &TERMS {
             for (quantity, by) in (term.effect)(place) {
-                local[quantity] += by * coefficient.value;
+                local[quantity] += by * self.value(term.key);
             }
         }
         local
@@ -268,12 +274,13 @@ fn spread(values: &[Vec<f64>], column: usize) -> f64 {
 type Regression = (Vec<f64>, Vec<f64>, Vec<Vec<f64>>);
 
 fn regress(
+    m: usize,
     designs: &[Vec<f64>],
     values: &[Vec<f64>],
     weights: &[Symmetric],
     robust: &[f64],
 ) -> Option<Regression> {
-    let (n, m) = (values.first()?.len(), TERMS.len());
+    let n = values.first()?.len();
     let column = |design: &[f64], j: usize| -> Vec<f64> { (0..n).map(|i| design[i * m + j]).collect() };
     let mut normal = Symmetric::zeros(m);
     let mut right = vec![0.0; m];
@@ -294,6 +301,11 @@ fn regress(
             (0..n).map(|i| value[i] - dot(&design[i * m..(i + 1) * m], &solution)).collect()
         })
         .collect();
+    if designs.len() < FEWEST {
+        // Too few to tell their scatter: standard deviations are those of their fits.
+        let sds = (0..m).map(|j| libm::sqrt(inverse.at(j, j))).collect();
+        return Some((solution, sds, residuals));
+    }
     // The spread of the particles' scores, and the freedom that the coefficients take.
     let mut meat = Symmetric::zeros(m);
     for (((design, residual), weight), robust) in designs.iter().zip(&residuals).zip(weights).zip(robust) {
@@ -360,6 +372,13 @@ mod tests {
             assert!((found.value - expected).abs() < 4.0 * found.sd.max(1e-4), "{found:?}, not {expected}");
             assert!(found.sd < 0.03 * (1.0 + expected.abs()), "{found:?}");
         }
+        let few = Laws::of(&evidence[..2]).unwrap();
+        assert_eq!(
+            (few.value("coma.per_mm"), few.coefficients.len()),
+            (0.0, 11),
+            "optics of few are constant"
+        );
+        assert!((few.value("numerical_aperture") - 0.44).abs() < 1e-3, "{few:?}");
         let field = laws.field(-1.0, 0.0);
         assert!((field.focus.curvature_um_per_mm2 + 5.2).abs() < 0.3, "{field:?}");
     }

@@ -53,9 +53,6 @@ pub struct FieldOptions {
     pub places_px: Vec<[f64; 2]>,
 }
 
-/// Smallest number of single particles that determine the laws.
-const FEWEST: usize = 8;
-
 /// Number of planes from which a first fit starts.
 const FEW_PLANES: usize = 9;
 
@@ -107,15 +104,6 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let median = median(fits.iter().map(Fit::chi2).collect());
     let is_single: Vec<bool> = fits.iter().map(|fit| fit.chi2() < DOUBLE * median).collect();
     let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
-    if singles.len() < FEWEST {
-        return Err(Error::input(format!(
-            "{} single particles of {} with windows of {2} x {2} px; the laws of a field need at least {FEWEST}: omit the planes with \
-             the largest images (--planes A-B) or set a smaller --window",
-            singles.len(),
-            fits.len(),
-            2 * half + 1
-        )));
-    }
     let evidence = |fits: &[Fit]| -> Vec<Evidence> {
         singles.iter().filter_map(|&k| evidence_of(places[k], &fits[k])).collect()
     };

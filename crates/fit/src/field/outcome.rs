@@ -4,7 +4,7 @@ use microsig_core::optics::FieldOptics;
 use serde::Serialize;
 
 use super::frames::Frames;
-use super::laws::{Coefficient, Laws};
+use super::laws::{Coefficient, FEWEST, Laws};
 use super::local::{QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
 use super::{FREE, FieldOptions, evenly, median, output};
@@ -193,14 +193,13 @@ impl Outcome<'_> {
         };
         let shown = center_to_corner(&fitted.particles);
         let images = shown.into_iter().map(|k| images(k, &subjects[k], &of_laws[k])).collect();
-        let mean_light = median(light.iter().map(|(_, light)| *light).collect());
         let files = output::Files {
             fitted: &fitted,
             options,
             spherical: laws.spherical(),
             transmission: laws.transmission(),
             size_px: [scan.width, scan.height],
-            light: mean_light,
+            light: brightness(&light, light_per_mm2),
             particles: candidates.len(),
         };
         let mut json = serde_json::to_vec_pretty(&fitted).map_err(|e| Error::input(e.to_string()))?;
@@ -230,6 +229,12 @@ impl Outcome<'_> {
                 particles
             ));
         }
+        if singles < FEWEST {
+            warnings.push(format!(
+                "{singles} single particles: their optics are taken as the same over the field; its laws need at least {FEWEST}, \
+                 spread over the field (a smaller --window may find more)"
+            ));
+        }
         if self.found > particles {
             warnings.push(format!("{particles} of {} particles are used, spread over the field", self.found));
         }
@@ -246,6 +251,15 @@ impl Outcome<'_> {
 /// the model and have less noise.
 fn of_frame(chi2: f64, repeats: f64) -> f64 {
     1.0 + (chi2 - 1.0) / repeats
+}
+
+/// Mean and standard deviation of the light of particles, each as it would be in the middle of the field.
+fn brightness(light: &[([f64; 2], f64)], light_per_mm2: f64) -> (f64, f64) {
+    let of = |([x, y], light): &([f64; 2], f64)| light / (1.0 + light_per_mm2 * (x * x + y * y));
+    let n = light.len() as f64;
+    let mean = light.iter().map(of).sum::<f64>() / n;
+    let variance = light.iter().map(|particle| (of(particle) - mean).powi(2)).sum::<f64>() / n;
+    (mean, libm::sqrt(variance))
 }
 
 /// Relative change of light per squared distance from the center, and its standard deviation: a straight line

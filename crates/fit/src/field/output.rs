@@ -15,8 +15,8 @@ pub(super) struct Files<'a> {
     /// Transmission at the rim of the pupil less that at its center.
     pub(super) transmission: f64,
     pub(super) size_px: [usize; 2],
-    /// Mean light of a particle, counts emitted toward the lens.
-    pub(super) light: f64,
+    /// Light of a particle, counts emitted toward the lens: mean and standard deviation.
+    pub(super) light: (f64, f64),
     /// Number of particles in the scan.
     pub(super) particles: usize,
 }
@@ -46,7 +46,7 @@ impl Files<'_> {
             ..Settings::setting1()
         };
         let rays = emitted_rays(&settings, &Particle::sphere(0.0, 0.0, 0.0, self.options.diameter_um));
-        Settings { gain: significant(self.light / rays / self.counts_per_e()), ..settings }
+        Settings { gain: significant(self.light.0 / rays / self.counts_per_e()), ..settings }
     }
 
     /// The scenario, with the optics of `settings.txt` beside it.
@@ -95,6 +95,7 @@ impl Files<'_> {
             depths_um: (*low, *high),
             px_um: options.given.pixel_size_um / options.given.magnification,
             particles: self.particles,
+            brightness_sd: self.light.1 / self.light.0,
             optics: (optics, render_line(model)),
             sensor,
         };
