@@ -176,6 +176,18 @@ fn a_recording_of_other_programs_is_tracked_and_scored() {
     run(&["evaluate", path(&out), path(&found), "--out", path(&scores), "--report"]);
     run(&["compare", path(&scores), "--out", path(&recording.at("leaderboard"))]);
     run(&["export", path(&out), "--format", "trackpy", "--out", path(&recording.at("known.trackpy.csv"))]);
+
+    // Without track numbers there are no links.
+    let arguments = recording.arguments(
+        "run.ome.tif",
+        "scan.tif",
+        &[&more[..], &["--all-particles", "--force"]].concat(),
+    );
+    run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let score: Value = json(&["evaluate", path(&out), path(&found)]);
+    assert!(score["detection"]["precision"].is_number(), "{}", score["detection"]);
+    assert!(score["links"].is_null() && score["hota"].is_null(), "{}", score["links"]);
+    assert!(score["unknown"][0].as_str().unwrap().starts_with("links and tracks"), "{}", score["unknown"]);
 }
 
 #[test]

@@ -29,7 +29,7 @@ fn text(about: &About<'_>) -> String {
          Recorded images with a calibration from a scan: {frames} frames.\n\n\
          ![some of the frames](preview.png)\n\n\
          | | |\n|---|---|\n\
-         | images | {width} x {height} px, {um_per_px} um per px; {images} |\n\
+         | images | {width} x {height} px, {um_per_px:.4} um per px; {images} |\n\
          | time between frames | {dt} |\n\
          | optics | {optics} |\n\
          | depths | {low} to {high} um, positions of the stage, which increase {direction} the lens{turned} |\n\

@@ -18,6 +18,9 @@ const SOME: &str = "precision, F1, Jaccard and scores of whole tracks: positions
 const NO_POSITIONS: &str =
     "recall, precision, errors in the image plane, links: positions of particles are not known";
 
+/// What positions without track numbers cannot tell.
+const NO_TRACKS: &str = "links and tracks: track numbers of the known particles are not known";
+
 /// What positions without heights cannot tell.
 const NO_HEIGHTS: &str = "errors of z: depths of particles are not known";
 
@@ -45,6 +48,10 @@ pub(super) fn evaluate(truth: &Truth, points: &Points, options: &EvaluateOptions
     };
     if known.is_some() && !truth.facts.has_all_particles {
         leave_out(&mut evaluation);
+    }
+    if known.is_some_and(|known| known.rows.iter().all(|row| row.track < 0)) {
+        leave_out_tracks(&mut evaluation.score);
+        unknown.push(NO_TRACKS.to_owned());
     }
     match planes {
         Some(_) if !points.has_z && known.is_none() => {
@@ -83,6 +90,12 @@ fn without_positions(truth: &Truth, points: &Points, options: &EvaluateOptions) 
     Evaluation { score, ..Evaluation::default() }
 }
 
+/// Leaves out the scores of links and tracks.
+fn leave_out_tracks(score: &mut Score) {
+    (score.isbi, score.isbi_2d, score.hota, score.clear) = (None, None, None, None);
+    (score.identity, score.ctc, score.links, score.lpt) = (None, None, None, None);
+}
+
 /// Leaves out the scores to which unmatched result points contribute.
 fn leave_out(evaluation: &mut Evaluation) {
     let score = &mut evaluation.score;
@@ -98,8 +111,8 @@ fn leave_out(evaluation: &mut Evaluation) {
     for gate in &mut score.gates {
         (gate.precision, gate.f1) = (None, None);
     }
-    (score.isbi, score.isbi_2d, score.hota, score.clear) = (None, None, None, None);
-    (score.identity, score.ctc, score.gdpt, score.links, score.lpt) = (None, None, None, None, None);
+    score.gdpt = None;
+    leave_out_tracks(score);
     score.warnings.retain(|warning| score.hints.iter().all(|hint| hint.what != *warning));
     score.hints.clear();
     evaluation.units = UnitScores::default();
