@@ -67,7 +67,7 @@ impl Derivatives {
                 && (old.z_um - new.z_um).abs() <= depth_um
         });
         // More accurate images alone do not make the derivatives more accurate.
-        let of_sides = |accuracy: Accuracy| (accuracy.of_sides, accuracy.central);
+        let of_sides = |accuracy: Accuracy| (accuracy.of_sides, accuracy.central, accuracy.steps);
         of_sides(self.accuracy) == of_sides(problem.accuracy)
             && stays
             && problem.shared.iter().all(is_near)
@@ -105,7 +105,7 @@ impl Problem<'_> {
     /// `None` if the derivative is analytical.
     fn side(&self, state: &State, shared: Shared) -> Result<Option<Side>> {
         let (at, accuracy) = (&state.microscope, self.accuracy);
-        let Some(step) = shared.step(at) else { return Ok(None) };
+        let Some(step) = shared.step(at).map(|step| accuracy.steps * step) else { return Ok(None) };
         let new = |microscope: &Microscope| self.imager(state, microscope, accuracy.of_sides).map(Some);
         let high = shared.moved(*at, step);
         let side = if accuracy.central {

@@ -31,6 +31,8 @@ pub(super) struct Accuracy {
     pub(super) of_sides: f64,
     /// Whether differences are central; otherwise only the upper image is new.
     pub(super) central: bool,
+    /// Steps of differences over those of [`Shared::step`].
+    pub(super) steps: f64,
 }
 
 /// The data of a fit and its free parameters.

@@ -95,8 +95,8 @@ impl Microscope {
     }
 }
 
-/// A quantity that experts may fit in addition. If the model is exact, a scan determines each to a few tenths
-/// of a percent; for real objectives they absorb errors of the model.
+/// A quantity that experts may fit in addition. If the model is exact, a scan determines each to a few
+/// percent; for real objectives they absorb errors of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum ExtraParameter {
     /// Refractive index of the virtual lens
@@ -200,8 +200,6 @@ impl Shared {
             Shared::NumericalAperture | Shared::FocalLength => Some(0.02),
             Shared::FocusShift => Some((0.03 * at.focus_shift_um.abs()).max(0.3)),
             Shared::Diameter => Some(0.04),
-            // Errors of the images over the step must remain small compared with the change of the images
-            // along a valley in which others compensate for them: they would look like information.
             Shared::RiLens | Shared::PixelSize => Some(0.04),
             Shared::Aberration(_) => Some(0.02),
             Shared::FocusDepth => Some(2.0),

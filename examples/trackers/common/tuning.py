@@ -14,11 +14,11 @@ from .cli import read_params
 from .dataset import Dataset, fail, write_field, write_points
 
 
-def evaluate(dataset, result):
-    """score.json of a result. `MICROSIG` names the program, by default `microsig`."""
+def evaluate(dataset, result, rules=()):
+    """score.json of a result, by further options of `microsig evaluate`. `MICROSIG` names the program, by default `microsig`."""
     program = os.environ.get("MICROSIG", "microsig")
     try:
-        run = subprocess.run([program, "evaluate", str(dataset), str(result), "--json", "--quiet"],
+        run = subprocess.run([program, "evaluate", str(dataset), str(result), *rules, "--json", "--quiet"],
                              capture_output=True, text=True)
     except FileNotFoundError:
         fail(f"{program} is not installed; set MICROSIG to its path")
@@ -48,7 +48,8 @@ def field_score(score):
     return (nodes["valid"] or 0.0) - (1.0 if nodes["rms_px"] is None else nodes["rms_px"])
 
 
-# Name of each objective in the column `objective` of tuning.csv. Another formula needs another name.
+# Name of each objective in the column `objective` of tuning.csv. Another formula needs another name; options of `evaluate`
+# follow it.
 OBJECTIVES = {points_score: "points_product", tracks_score: "tracks_product", field_score: "field_nodes"}
 
 
@@ -68,9 +69,13 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
     parser.add_argument("--out", required=True, help="output file of the parameters (JSON)")
     parser.add_argument("--log", help="record of the search (CSV), to which lines are appended [default: tuning.csv beside --out]")
     parser.add_argument("--start", help="parameters (JSON) from which the search starts, instead of the defaults")
+    parser.add_argument("--evaluate", default="", metavar="OPTIONS",
+                        help="options of `microsig evaluate` by which the case is scored, as --evaluate='--gate-xy 0.5 --dims 2'")
     parser.add_argument("--budget", type=int, default=budget, help=f"evaluations on train [default: {budget}]")
     options = parser.parse_args()
     log = Path(options.log) if options.log else Path(options.out).with_name("tuning.csv")
+    rules = options.evaluate.split()
+    objective = " ".join([OBJECTIVES.get(score, score.__name__), *rules])
     names = list(defaults)
     tried = {}
 
@@ -80,7 +85,7 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
             began = time.perf_counter()
             try:
                 write(result, track(dataset, params))
-                value = score(evaluate(dataset.folder, result))
+                value = score(evaluate(dataset.folder, result, rules))
             except Exception as error:  # Some programs fail for some parameters.
                 print(f"{type(error).__name__}: {error}", file=sys.stderr)
                 value = float("-inf")
@@ -90,7 +95,7 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
             out = csv.writer(file, lineterminator="\n")
             if new:
                 out.writerow(["dataset", "split", "objective", "score", "seconds", *names])
-            out.writerow([name_of(dataset), split, OBJECTIVES.get(score, score.__name__), f"{value:.4f}", f"{seconds:.2f}",
+            out.writerow([name_of(dataset), split, objective, f"{value:.4f}", f"{seconds:.2f}",
                           *(json.dumps(params[name]) for name in names)])
         print(f"{split} {value:.4f} {params}", file=sys.stderr)
         return value

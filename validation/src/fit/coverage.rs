@@ -78,7 +78,7 @@ const FIRST_SEED: u64 = 1000;
 
 /// Fits `seeds` simulated scans of each case and writes a row for each quantity. Existing rows of the file
 /// are kept, so that an interrupted run continues.
-pub(super) fn run(own: &Path, seeds: u64, file: &Path) -> anyhow::Result<()> {
+pub(super) fn run(own: &Path, seeds: u64, only: &[String], file: &Path) -> anyhow::Result<()> {
     let mut done = std::collections::BTreeSet::new();
     if file.exists() {
         for row in csv::Reader::from_path(file)?.deserialize() {
@@ -88,7 +88,7 @@ pub(super) fn run(own: &Path, seeds: u64, file: &Path) -> anyhow::Result<()> {
     } else {
         std::fs::write(file, "case,seed,quantity,truth,value,sd,covered\n")?;
     }
-    for name in CASES {
+    for name in CASES.iter().copied().filter(|name| only.is_empty() || only.iter().any(|o| o == name)) {
         let missing: Vec<u64> = (FIRST_SEED..FIRST_SEED + seeds)
             .filter(|seed| !done.contains(&(name.to_owned(), *seed)))
             .collect();

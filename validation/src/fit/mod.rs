@@ -27,6 +27,9 @@ pub(crate) struct Comparison {
     /// Number of simulated scans of each case of the coverage.
     #[arg(long, default_value_t = 40)]
     seeds: u64,
+    /// Cases of the coverage to fit [default: all].
+    #[arg(long, value_delimiter = ',')]
+    only: Vec<String>,
     /// Parts to run; the tables of the others are taken from the output folder.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "cases,coverage,beads,trackers")]
     parts: Vec<Part>,
@@ -46,14 +49,14 @@ enum Part {
 }
 
 pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
-    let Comparison { dir, out, seeds, parts } = comparison;
+    let Comparison { dir, out, seeds, only, parts } = comparison;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let program = process::microsig()?;
     if parts.contains(&Part::Cases) {
         cases::run(&program, &dir.join("own"), &out.join("cases.csv"), &out.join("runs.csv"))?;
     }
     if parts.contains(&Part::Coverage) {
-        coverage::run(&dir.join("own"), *seeds, &out.join("coverage.csv"))?;
+        coverage::run(&dir.join("own"), *seeds, only, &out.join("coverage.csv"))?;
     }
     if parts.contains(&Part::Beads) {
         beads::run(&program, &dir.join("real"), out)?;

@@ -61,6 +61,8 @@ struct Case {
     name: String,
     /// Whether particles are scored with their depth.
     has_depth: bool,
+    /// The options of `microsig evaluate` by which it is scored.
+    rules: Vec<String>,
 }
 
 impl Case {
@@ -213,8 +215,15 @@ fn cases(microsig: &Path, arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
         let name = track["track"].as_str().context("a track has a name")?;
         for case in track["cases"].as_array().context("a track has cases")? {
             let has_depth = case["dims"] == 3;
+            let rules = [
+                ("--gate-xy", &track["gate_xy_px"]),
+                ("--gate-z", &track["gate_z_um"]),
+                ("--dims", &case["dims"]),
+            ];
+            let rules = rules.iter().filter(|(_, value)| !value.is_null());
+            let rules = rules.map(|(option, value)| format!("{option} {value}")).collect();
             let case = case["case"].as_str().context("a case has a name")?;
-            cases.push(Case { track: name.to_owned(), name: case.to_owned(), has_depth });
+            cases.push(Case { track: name.to_owned(), name: case.to_owned(), has_depth, rules });
         }
     }
     for track in &arguments.tracks {

@@ -271,7 +271,7 @@ mod tests {
     use super::*;
 
     fn case(track: &str, name: &str, has_depth: bool) -> Case {
-        Case { track: track.to_owned(), name: name.to_owned(), has_depth }
+        Case { track: track.to_owned(), name: name.to_owned(), has_depth, rules: Vec::new() }
     }
 
     #[test]

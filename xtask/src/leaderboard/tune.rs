@@ -34,6 +34,9 @@ pub(super) fn search(
     if folder.join(&start).is_file() {
         command.arg("--start").arg(&start);
     }
+    if !case.rules.is_empty() {
+        command.arg(format!("--evaluate={}", case.rules.join(" ")));
+    }
     let (usage, _) = process::run(&mut command).context("tune.py")?;
     Ok(Some(format!("{} after {:.0} s", params.display(), usage.wall_s)))
 }

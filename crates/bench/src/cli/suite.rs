@@ -203,7 +203,8 @@ impl List {
                 }));
             }
             tracks.push(json!({
-                "track": track.name, "title": track.title, "rank_by": track.rank_by, "cases": listed,
+                "track": track.name, "title": track.title, "rank_by": track.rank_by,
+                "gate_xy_px": track.gate_xy_px, "gate_z_um": track.gate_z_um, "cases": listed,
             }));
         }
         lines.push("(number of image pairs, frames or bursts in train + val + test)".to_owned());
