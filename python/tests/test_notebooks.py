@@ -18,6 +18,13 @@ def test_notebooks_run(path: Path, tmp_path, monkeypatch):
         pytest.importorskip("torch")
         # A few steps: that it runs, not that it learns.
         monkeypatch.setenv("MICROSIG_STEPS", "3")
+    if path.stem == "real_recording":
+        # A scan that is not part of this repository.
+        scan = ROOT.parent / "shared/reference/idpt"
+        if not (scan / "scan.tif").exists():
+            pytest.skip("the scan is not there")
+        monkeypatch.setenv("MICROSIG_SCAN", str(scan))
+        pytest.importorskip("pandas"), pytest.importorskip("tifffile")
     if path.stem == "own_tracker":
         pytest.importorskip("trackpy")
     notebook = nbformat.read(path, as_version=4)
@@ -27,5 +34,5 @@ def test_notebooks_run(path: Path, tmp_path, monkeypatch):
     assert cells and all(cell.execution_count for cell in cells)
 
 
-def test_there_are_five():
-    assert len(NOTEBOOKS) == 5
+def test_there_are_six():
+    assert len(NOTEBOOKS) == 6
