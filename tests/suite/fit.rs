@@ -304,7 +304,7 @@ fn a_field_needs_waves_a_diameter_and_a_corrected_lens() {
     let few = refused(&[&waves[..], &["--window", "21"]].concat());
     assert!(
         few.contains(
-            "1 single particles of 1 with windows of 21 x 21 px; the laws of a field need at least 8"
+            "1 of 1 particles can be used with windows of 21 x 21 px (0 cut by the edge of the image, 0 saturated, 0 too close"
         ),
         "{few}"
     );

@@ -109,8 +109,8 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
     if singles.len() < FEWEST {
         return Err(Error::input(format!(
-            "{} single particles of {} with windows of {2} x {2} px; the laws of a field need at least {FEWEST}: omit the planes with \
-             the largest images (--planes A-B) or set a smaller --window",
+            "{} of {} particles look single with windows of {2} x {2} px; the laws of a field need at least {FEWEST}: omit the planes \
+             with the largest images (--planes A-B) or set a smaller --window",
             singles.len(),
             fits.len(),
             2 * half + 1
