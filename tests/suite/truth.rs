@@ -57,6 +57,50 @@ fn in_uniform_flow_all_definitions_agree_and_a_steady_flow_is_written_once() {
     }
 }
 
+/// A hand calculation of the columns, and the same terms in the manifest of a renderer without wave optics.
+#[test]
+fn truth_and_manifest_tell_what_optics_over_the_field_do() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = place.path().join("tilted.ron");
+    let text = r#"(name: "tilted", seed: 3, calibration: none,
+        optics: (magnification: 10, pixel_size: 5, pixel_dim_x: 201, pixel_dim_y: 101, points_per_pixel: 4,
+                 depth_factor: 1.5, blur_um: 0.5,
+                 field: (focus: (curvature_um_per_mm2: -500, tilt_um_per_mm: (60, 0)),
+                         chief_ray: (slope: (0.02, 0), per_mm: 0.3), distortion_per_mm2: 4)),
+        particles: (number: count(9)), motion: flow(field: uniform(velocity_um_s: (10, 0, 0))),
+        timing: pairs(count: 1, dt_s: 0.01))"#;
+    std::fs::write(&scenario, text).unwrap();
+    let out = place.path().join("tilted");
+    run(&["generate", path(&scenario), "--out", path(&out)]);
+    run(&["verify", path(&out)]);
+    let tracks = table(&out.join("truth/tracks.csv"));
+    let column = |name: &str| &tracks[name];
+    for row in 0..column("x_px").len() {
+        // 0.5 um per px.
+        let [x, y] = [(column("x_px")[row] - 101.0) * 5e-4, (column("y_px")[row] - 51.0) * 5e-4];
+        let r2 = x * x + y * y;
+        let focus_um = 60.0 * x - 500.0 * r2;
+        let z_um = column("z_um")[row] / 1.5 - focus_um;
+        let dx_px = ((0.02 + 0.3 * x) * z_um + 4e3 * r2 * x) / 0.5;
+        let dy_px = (0.3 * y * z_um + 4e3 * r2 * y) / 0.5;
+        for (name, expected) in
+            [("optics_dx_px", dx_px), ("optics_dy_px", dy_px), ("optics_dz_um", -1.5 * focus_um)]
+        {
+            // Rounding errors.
+            assert!(
+                (column(name)[row] - expected).abs() < 1e-9,
+                "{name}: {}, not {expected}",
+                column(name)[row]
+            );
+        }
+    }
+    let optics = &manifest(&out)["optics"];
+    assert_eq!(
+        (&optics["blur_um"], &optics["field"]["distortion_per_mm2"]),
+        (&Value::from(0.5), &Value::from(4.0))
+    );
+}
+
 /// Plane Poiseuille flow with a maximum of 10 px: D(z) = 40 s (1 - s) px, and its mean with the weights of
 /// depth.csv.
 #[test]

@@ -1,5 +1,6 @@
 //! `cargo xtask figures`: the figures of the documentation.
 
+mod field;
 mod flows;
 mod keys;
 mod microscope;
@@ -20,6 +21,8 @@ pub(crate) enum Kind {
     Keys,
     /// Renderers side by side and a preview of optics, docs/microscope.
     Microscope,
+    /// Optics that vary over the field, docs/microscope/field.
+    Field,
 }
 
 impl Kind {
@@ -30,6 +33,7 @@ impl Kind {
             Kind::Flows => "docs/flows",
             Kind::Keys => "docs",
             Kind::Microscope => "docs/microscope",
+            Kind::Field => "docs/microscope/field",
         })
     }
 }
@@ -44,6 +48,7 @@ pub(crate) fn run(kind: Option<Kind>, out: Option<&Path>, redraw: bool) -> anyho
             Kind::Flows => flows::run(out)?,
             Kind::Keys => keys::run(out, redraw)?,
             Kind::Microscope => microscope::run(out)?,
+            Kind::Field => field::run(out)?,
         }
     }
     Ok(())

@@ -7,6 +7,8 @@ use crate::table::table;
 
 /// Name of the optional columns of [`TrackRow`] with the velocity gradient.
 pub const GRADIENT: &str = "gradient";
+/// Name of the optional columns of [`TrackRow`] with what optics that vary over the field do.
+pub const OPTICS: &str = "optics";
 /// Name of the optional columns of [`FieldRow`] with displacements averaged over depth.
 pub const WEIGHTED: &str = "weighted";
 /// Name of the optional columns of [`FieldRow`] with displacements averaged over a window.
@@ -99,6 +101,12 @@ table! {
         overlap: f64, "";
         /// 1 if a pixel of its noise-free image (above 10 % of its peak) is saturated, others' light included
         saturated: bool, "";
+        /// what the optics at this place of the field add to x_px: chief ray and distortion
+        optics_dx_px: f64, "px", OPTICS;
+        /// the same for y_px
+        optics_dy_px: f64, "px", OPTICS;
+        /// the same for z_um: the image is that of a particle in the middle of the field at z_um + optics_dz_um
+        optics_dz_um: f64, "um", OPTICS;
         /// velocity gradient of the flow at this place and time
         du_dx_1_s: f64, "1/s", GRADIENT;
         /// velocity gradient

@@ -26,7 +26,7 @@ pub struct Scan {
     pub planes: Vec<Vec<u16>>,
     /// Stage position of each plane, um, strictly or weakly monotonic.
     pub stage_um: Vec<f64>,
-    /// The largest count that the file's pixel type can represent.
+    /// The count of saturated pixels.
     pub full_scale: u16,
     /// Warnings about how the scan was read.
     pub warnings: Vec<String>,
@@ -95,6 +95,7 @@ impl Scan {
         }
         check_monotonic(&stage_um)?;
         let Planes { width, height, planes, full_scale, .. } = planes;
+        let full_scale = saturation(&planes, full_scale);
         Ok(Scan { width, height, planes, stage_um, full_scale, warnings })
     }
 
@@ -140,6 +141,23 @@ impl Scan {
         self.stage_um.last().zip(self.stage_um.first()).map_or(0.0, |(a, b)| (a - b).abs())
     }
 }
+
+/// The count of saturated pixels: the highest one if it is the full scale of a camera or if many pixels have
+/// it, otherwise that of the file's pixel type.
+fn saturation(planes: &[Vec<u16>], of_type: u16) -> u16 {
+    let mut histogram = vec![0_u64; 1 << 16];
+    planes.iter().flatten().for_each(|count| histogram[usize::from(*count)] += 1);
+    let mut occupied = (0..=u16::MAX).rev().filter(|count| histogram[usize::from(*count)] > 0);
+    let Some(most) = occupied.next() else { return of_type };
+    let pixels = |count: u16| histogram[usize::from(count)];
+    // Few pixels are brightest unless their counts are cut off.
+    let below = occupied.take(8).map(pixels).max();
+    let is_cut_off = below.is_some_and(|below| pixels(most) >= MANY_SATURATED.max(4 * below));
+    if is_cut_off || [1023, 4095, 16_383].contains(&most) { most } else { of_type }
+}
+
+/// Least number of pixels with the highest count of a scan by which it is known to be cut off.
+const MANY_SATURATED: u64 = 16;
 
 fn check_monotonic(stage_um: &[f64]) -> Result<()> {
     let falls = |pair: &[f64]| pair[1] < pair[0];
@@ -336,6 +354,17 @@ mod tests {
         std::fs::write(&file, "image,z_um\na/1.tif,6\n").unwrap();
         let message = read_positions(&file, &names, 2).unwrap_err().to_string();
         assert!(message.contains("stack.csv:2: image \"a/1.tif\" is not in the scan's folder"), "{message}");
+    }
+
+    #[test]
+    fn counts_that_are_cut_off_are_saturated() {
+        let ramp: Vec<u16> = (0..2000).collect();
+        assert_eq!(saturation(&[ramp.clone()], u16::MAX), u16::MAX);
+        assert_eq!(saturation(&[ramp.iter().map(|v| 2 * v + 97).collect()], u16::MAX), 4095);
+        assert_eq!(saturation(&[ramp.iter().map(|v| *v.min(&1900)).collect()], u16::MAX), 1900);
+        // Eight bits, and an image without light.
+        assert_eq!(saturation(&[ramp.iter().map(|v| v / 10).collect()], 255), 255);
+        assert_eq!(saturation(&[vec![0; 50]], 255), 255);
     }
 
     #[test]

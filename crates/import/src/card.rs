@@ -22,7 +22,9 @@ fn text(about: &About<'_>) -> String {
     let gates = ScoringGates::over(high - low);
     let optics = about.model.map_or_else(
         || "unknown: `mle` needs them (`microsig fit`, then `import --optics`)".to_owned(),
-        |model| format!("{}; z = 0 of this model is at {:.2} um of the stage", model.optics, model.zero_um),
+        |model| {
+            format!("{}; z = 0 of this model is at {:.2} um of the stage", model.description, model.zero_um)
+        },
     );
     format!(
         "# {name}\n\n\

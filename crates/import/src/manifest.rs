@@ -113,6 +113,7 @@ fn manifest(about: &About<'_>) -> Manifest {
         }),
         renderer: model.map(|model| model.renderer.to_owned()),
         waves: model.and_then(|model| model.waves.clone()),
+        optics: model.and_then(|model| model.optics),
         depth_range_um: Some([low, high]),
         depth_range_h_um: Some(high - low),
         coordinates: Some(

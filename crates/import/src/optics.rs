@@ -6,8 +6,8 @@
 
 use std::path::Path;
 
-use dataset::manifest::WaveFacts;
-use generator::dataset::manifest::wave_facts;
+use dataset::manifest::{OpticsFacts, WaveFacts};
+use generator::dataset::manifest::{self, wave_facts};
 use indicatif::ProgressBar;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
@@ -42,8 +42,9 @@ pub(crate) struct Optics {
 /// The model at its place on the axis of the stage.
 pub(crate) struct Model {
     pub(crate) waves: Option<WaveFacts>,
+    pub(crate) optics: Option<OpticsFacts>,
     pub(crate) renderer: &'static str,
-    pub(crate) optics: String,
+    pub(crate) description: String,
     /// Settings with a sensor of the size of the calibration images.
     pub(crate) settings: Settings,
     pub(crate) d_um: f64,
@@ -115,7 +116,8 @@ impl Optics {
         Ok(Model {
             waves: wave_facts(scenario, None),
             renderer: scenario.renderer.name(),
-            optics: scenario.renderer.description().optics,
+            optics: manifest::optics(scenario),
+            description: scenario.renderer.description().optics,
             settings,
             d_um,
             depth_factor,

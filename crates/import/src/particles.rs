@@ -42,7 +42,7 @@ pub(crate) fn usable(
     wanted: impl Fn([f64; 2]) -> bool + Sync,
 ) -> (Vec<ScanParticle>, Unused) {
     let reach = half + MARGIN;
-    let full = full_scale(scan);
+    let full = scan.full_scale;
     let mut unused = Unused::default();
     let mut middles = Vec::new();
     for (k, at) in located.places.iter().enumerate() {
@@ -75,12 +75,6 @@ pub(crate) fn usable(
         ScanParticle { middle, images, own }
     };
     (middles.into_par_iter().map(cut).collect(), unused)
-}
-
-/// The count at which the scan saturates: the highest one if it is the full scale of a camera.
-fn full_scale(scan: &Scan) -> u16 {
-    let most = scan.planes.iter().flatten().copied().max().unwrap_or(0);
-    if most == scan.full_scale || [1023, 4095, 16_383].contains(&most) { most } else { u16::MAX }
 }
 
 fn own_pixels(

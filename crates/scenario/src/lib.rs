@@ -5,6 +5,7 @@ mod calibration;
 mod cylinder;
 mod drawing;
 mod field;
+mod field_of_view;
 mod files;
 mod flow_checks;
 mod focal_planes;

@@ -15,6 +15,7 @@ use microsig_core::{Particle, Settings, Spheroid};
 
 use super::brightness::PhotonScale;
 use super::drawing;
+use super::field_of_view::{corners, lost_focus};
 use super::files::Files;
 use super::flow_checks;
 use super::focal_planes;
@@ -77,9 +78,16 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let Some(motion) = motion else { return Err(Error::Problems(problems.0)) };
     let longest = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
     let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
-        let largest = largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), longest);
+        let corners = corners(spec.optics.field.as_ref(), &settings);
+        let depths = (z_um.0 / depth_factor, z_um.1 / depth_factor);
+        let largest =
+            corners.iter().map(|at| largest_image(&renderer, *at, depths, longest)).fold(0.0, f64::max);
         default_margin_px(largest, &settings, &motion, &mut warnings)
     });
+    if let Some(field) = &spec.optics.field {
+        let depths = (z_um.0 / depth_factor, z_um.1 / depth_factor);
+        warnings.extend(lost_focus(field, &settings, depths).filter(|_| renderer.depends_on_depth()));
+    }
     let depth_range_um = illuminated_depths(z_um, &illumination, &mut problems);
     let seeding = match &motion {
         MotionSource::Field(_) => {
@@ -273,9 +281,12 @@ fn check_depths(
     let calibrated = calibrated.iter().map(|d_um| (key, z_um.0, *d_um, None));
     let extremes =
         [("particles", z_um.0, diameters.max(), spheroid), ("particles", z_um.1, diameters.min(), spheroid)];
+    let corners = corners(spec.optics.field.as_ref(), renderer.settings());
     for (path, z, d_um, spheroid) in extremes.into_iter().chain(calibrated) {
-        let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
-        warnings.extend(problems.of(path, renderer.check(&extreme)).flatten());
+        for [x, y] in &corners {
+            let extreme = Particle { spheroid, ..Particle::sphere(*x, *y, z / depth_factor, d_um) };
+            warnings.extend(problems.of(path, renderer.check(&extreme)).flatten());
+        }
     }
 }
 
@@ -378,15 +389,15 @@ fn face(boundary: spec::Boundary) -> Boundary {
     }
 }
 
-/// Half the side of the largest particle image within `z_um`, a depth range in MicroSIG's data files; px,
+/// Half the side of the largest particle image at a place of the sensor (px) within `z_um`, a depth range in MicroSIG's data files; px,
 /// rounded up.
-fn largest_image(renderer: &Renderer, z_um: (f64, f64), d_um: f64) -> f64 {
+fn largest_image(renderer: &Renderer, [x, y]: [f64; 2], z_um: (f64, f64), d_um: f64) -> f64 {
     /// The image grows smoothly away from focus, so the ends of the range and a few planes between them are
     /// enough.
     const PLANES: i32 = 20;
     (0..=PLANES)
         .map(|i| z_um.0 + (z_um.1 - z_um.0) * f64::from(i) / f64::from(PLANES))
-        .map(|z| renderer.image_extent(&Particle::sphere(1.0, 1.0, z, d_um)))
+        .map(|z| renderer.image_extent(&Particle::sphere(x, y, z, d_um)))
         .fold(0.0f64, |largest, (x, y)| largest.max(x).max(y))
         .ceil()
 }

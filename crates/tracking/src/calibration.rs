@@ -10,7 +10,7 @@ use microsig_core::render::WaveOptics;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
-use dataset::manifest::{Manifest, RECORDING};
+use dataset::manifest::{Manifest, OpticsFacts, RECORDING};
 use dataset::{CalibrationRow, Row as _, TableReader};
 use storage::error::{Error, Result};
 use storage::input;
@@ -75,6 +75,8 @@ pub(super) struct Origin {
     pub(super) zero_um: f64,
     /// Light and objective if the images are diffracted.
     pub(super) waves: Option<WaveOptics>,
+    /// Blur, and how the optics vary over the field of view.
+    pub(super) over_field: OpticsFacts,
 }
 
 /// Reads the stacks of a dataset at all places of the field of view, sorted by depth, without duplicate
@@ -178,12 +180,20 @@ fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
             last.z_um
         )));
     }
-    let waves = Manifest::read(dataset)?.microsig.waves.map(|facts| facts.optics());
+    let facts = Manifest::read(dataset)?.microsig;
+    let (waves, over_field) = (facts.waves.map(|waves| waves.optics()), facts.optics.unwrap_or_default());
     let largest = waves.as_ref().map_or(1.0, |waves| waves.lens.largest_aperture(waves.layers.as_ref()));
     let zero_um = low.z_um - depth_factor * first.z_um;
     // In datasets both depths are 0 in the same plane, up to rounding.
     let zero_um = if zero_um.abs() < 1e-6 { 0.0 } else { zero_um };
-    Ok(Origin { settings: settings(dataset, largest)?, d_um: last.d_um, depth_factor, zero_um, waves })
+    Ok(Origin {
+        settings: settings(dataset, largest)?,
+        d_um: last.d_um,
+        depth_factor,
+        zero_um,
+        waves,
+        over_field,
+    })
 }
 
 /// The settings of the stack. The numerical aperture is less than `largest`, the refractive index of the

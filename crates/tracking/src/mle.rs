@@ -133,27 +133,31 @@ fn of_size(
 
 /// The renderer of a whole sensor, if the optics vary over it.
 fn over_field([width, height]: [u32; 2], origin: &Origin) -> Result<Option<Renderer>> {
-    let Some(optics) = origin.waves.clone().filter(|optics| optics.field != FieldOptics::default()) else {
+    let spec = renderer(origin, TOLERANCE_OF_FIELD);
+    if *spec.field() == FieldOptics::default() {
         return Ok(None);
-    };
+    }
     let settings = Settings { pixel_dim_x: width, pixel_dim_y: height, ..origin.settings.clone() };
-    let method = RenderMethod::Waves { optics, tolerance: TOLERANCE_OF_FIELD };
-    Ok(Some(RendererSpec::from(method).build(&settings, &context())?))
+    Ok(Some(spec.build(&settings, &context())?))
+}
+
+/// The renderer of the model.
+fn renderer(Origin { waves, over_field, .. }: &Origin, tolerance: f64) -> RendererSpec {
+    let method = match waves.clone() {
+        Some(optics) => RenderMethod::Waves { optics, tolerance },
+        None => RenderMethod::Expected { spheroids: SpheroidLaw::Original, tolerance },
+    };
+    RendererSpec::from(method).through(over_field.blur_um, over_field.field.unwrap_or_default())
 }
 
 impl ModelImages {
     fn new(origin: &Origin, depths_um: &[f64], side: usize) -> Result<Self> {
-        let Origin { settings, waves, .. } = origin;
         let Origin { d_um, depth_factor, zero_um, .. } = *origin;
         // Margin for sub-pixel shifts.
         let size = side as u32 + 4;
-        let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
+        let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..origin.settings.clone() };
         let radii = vec![side / 2; depths_um.len()];
-        let method = match waves.clone() {
-            Some(optics) => RenderMethod::Waves { optics, tolerance: TOLERANCE },
-            None => RenderMethod::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE },
-        };
-        let renderer = RendererSpec::from(method).build(&settings, &context())?;
+        let renderer = renderer(origin, TOLERANCE).build(&settings, &context())?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
         Ok(ModelImages {

@@ -116,6 +116,9 @@ pub struct Facts {
     /// Light and objective for wave optics.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub waves: Option<WaveFacts>,
+    /// Blur, and how the optics vary over the field of view; left out without both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub optics: Option<OpticsFacts>,
     /// Lower and upper end of the depth range, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_range_um: Option<[f64; 2]>,
@@ -305,13 +308,6 @@ pub struct WaveFacts {
     /// A cylindrical lens before the camera; left out if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cylinder: Option<Cylinder>,
-    /// Standard deviation of the blur by detector and relay optics, in the particles' space, um; left out if it
-    /// is 0.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub blur_um: f64,
-    /// How the optics vary over the field as in the scenario; left out if they do not.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub field: Option<FieldOptics>,
     /// Largest error of an image as a fraction of its peak.
     pub tolerance: f64,
     /// Least and greatest share over depth of the light accepted by the aperture that images of the mean
@@ -331,7 +327,7 @@ fn is_unknown(value: &f64) -> bool {
 }
 
 impl WaveFacts {
-    /// The light and the optics.
+    /// The light and the optics in the middle of the field of view, without blur.
     pub fn optics(&self) -> WaveOptics {
         WaveOptics {
             wavelength_um: self.wavelength_um,
@@ -342,10 +338,21 @@ impl WaveFacts {
             cyl_angle_deg: self.cyl_angle_deg,
             cylinder: self.cylinder,
             layers: self.layers,
-            blur_um: self.blur_um,
-            field: self.field.unwrap_or_default(),
+            blur_um: 0.0,
+            field: FieldOptics::default(),
         }
     }
+}
+
+/// What the optics do with images of all renderers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct OpticsFacts {
+    /// Standard deviation of the blur by detector and relay optics, in the particles' space, um.
+    pub blur_um: f64,
+    /// How the optics vary over the field of view as in the scenario; left out if they do not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub field: Option<FieldOptics>,
 }
 
 /// The image of a single particle.

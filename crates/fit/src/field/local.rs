@@ -119,12 +119,12 @@ impl Instrument {
 /// Margin of images beyond the window, px, for displaced particles.
 const MARGIN_PX: usize = 3;
 
-/// Values clamped to those that can be rendered.
-pub(super) fn bounded(mut local: Local) -> Local {
-    local[NA] = local[NA].clamp(0.02, 0.95);
+/// Values clamped to those that can be rendered, with an aperture of at most `largest_na`.
+pub(super) fn bounded(mut local: Local, largest_na: f64) -> Local {
+    local[NA] = local[NA].clamp(0.02, largest_na);
     local[MERIDIONAL] = local[MERIDIONAL].clamp(0.5, 1.5);
     if local[MERIDIONAL] > 1.0 {
-        local[NA] = local[NA].min(0.95 / local[MERIDIONAL]);
+        local[NA] = local[NA].min(largest_na / local[MERIDIONAL]);
     }
     local[BLUR] = local[BLUR].max(0.02);
     local[TRANSMISSION] = local[TRANSMISSION].clamp(-0.9, 3.0);

@@ -217,8 +217,8 @@ impl Outcome<'_> {
         let mut warnings = self.scan.warnings.clone();
         if !self.frames.is_noise_measured {
             warnings.push(
-                "the scan has no repeated frames: only the noise of the background is known, so chi2 and intervals are too large \
-                 and too small where images are bright"
+                "the scan has no repeated frames: only the noise of the background is known, so bright pixels have too \
+                 much weight, and chi2 and intervals are rough"
                     .to_owned(),
             );
         }

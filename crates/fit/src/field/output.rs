@@ -83,7 +83,7 @@ impl Files<'_> {
         );
         let per_e = self.counts_per_e();
         let sensor = format!(
-            "    sensor: (photons_per_count: 1.0, quantum_efficiency: 1.0, read_noise_e: {:?}, gain_counts_per_e: {:?}, \
+            "    sensor: (photons_per_count: 1.0, quantum_efficiency: 1.0, shot_noise: true, read_noise_e: {:?}, gain_counts_per_e: {:?}, \
              offset_counts: {:?}),\n",
             significant(libm::sqrt(noise[0]) / per_e),
             significant(per_e),

@@ -241,7 +241,7 @@ impl Subject<'_> {
 
     /// The best values of the quantities `free`, from a start.
     pub(super) fn fit(&self, start: &Local, free: &[usize], tolerance: f64, steps: usize) -> Result<Fit> {
-        let mut fit = self.fit_at(&bounded(*start), free, tolerance)?;
+        let mut fit = self.fit_at(&bounded(*start, self.largest_na()), free, tolerance)?;
         let mut damping = 1e-3;
         for _ in 0..steps {
             let before = fit.chi2();
@@ -255,6 +255,16 @@ impl Subject<'_> {
         Ok(fit)
     }
 
+    /// The aperture of images that are wider than the window through half of the depth range. No aperture is as
+    /// large, and the images of larger ones take long.
+    fn largest_na(&self) -> f64 {
+        let stage = || self.planes.iter().map(|plane| self.frames.stage_um[*plane]);
+        let (low, high) = (stage().fold(f64::INFINITY, f64::min), stage().fold(f64::NEG_INFINITY, f64::max));
+        let reach_um = 1.5 * self.half as f64 / self.instrument.px_per_um();
+        let tangent = reach_um / (0.5 * (high - low)).max(1e-3);
+        (tangent / libm::sqrt(1.0 + tangent * tangent)).clamp(0.1, 0.95)
+    }
+
     /// A step that reduces the misfit; `None` if there is none.
     fn step(&self, fit: &Fit, damping: &mut f64, tolerance: f64) -> Result<Option<(Local, Vec<Seen>)>> {
         let before = fit.chi2();
@@ -266,7 +276,7 @@ impl Subject<'_> {
                 for (&quantity, by) in fit.free.iter().zip(&step) {
                     next[quantity] += by.clamp(-LONGEST[quantity], LONGEST[quantity]);
                 }
-                let next = bounded(next);
+                let next = bounded(next, self.largest_na());
                 let seen = self.seen(&next, tolerance)?;
                 let pixels: usize = seen.iter().map(|seen| seen.pixels).sum();
                 if seen.iter().map(|seen| seen.chi2).sum::<f64>() / (pixels as f64) < before {

@@ -20,7 +20,7 @@ const PLANES: usize = 17;
 /// The particles that are fitted, nearest to the center first, and the number of those that could be.
 ///
 /// # Errors
-/// [`Error::Input`] if there are none.
+/// [`Error::Input`] if there are too few.
 pub(super) fn of<'a>(
     scan: &Scan,
     frames: &'a Frames,
@@ -47,13 +47,24 @@ pub(super) fn of<'a>(
             masks: Vec::new(),
         }
     };
-    let mut all: Vec<Subject> = windows(scan, candidates, half)?.into_iter().map(subject).collect();
+    let (windows, [cut, saturated]) = windows(scan, candidates, half);
+    let mut all: Vec<Subject> = windows.into_iter().map(subject).collect();
     let rough = rough(&all, candidates);
     for subject in &mut all {
         let masks = subject.planes.iter().map(|plane| mask(subject, candidates, *plane, &rough));
         subject.masks = masks.collect();
     }
+    let uncut = all.len();
     all.retain(Subject::is_clear);
+    if all.is_empty() {
+        return Err(Error::input(format!(
+            "none of {} particles can be used with windows of {2} x {2} px ({cut} cut by the edge of the image, {saturated} saturated, \
+             {} too close to others): set a smaller --window or omit the planes with the largest images (--planes A-B)",
+            candidates.len(),
+            uncut,
+            2 * half + 1
+        )));
+    }
     let radius = |subject: &Subject| distance(subject.place_mm, [0.0; 2]);
     all.sort_by(|a, b| radius(a).total_cmp(&radius(b)));
     let found = all.len();
@@ -63,8 +74,9 @@ pub(super) fn of<'a>(
     Ok((all, found))
 }
 
-/// Windows around all particles that are far enough from the edge and not saturated.
-fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Result<Vec<Window>> {
+/// Windows around all particles that are far enough from the edge and not saturated, and the numbers of those
+/// that are cut by the edge and saturated.
+fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> (Vec<Window>, [usize; 2]) {
     let reach = half as isize;
     let pixels = |column: usize, row: usize| -> Vec<(usize, [f64; 2])> {
         let offsets = (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy)));
@@ -92,15 +104,7 @@ fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Result<Vec<Win
         }
         windows.push(window);
     }
-    if windows.is_empty() {
-        return Err(Error::input(format!(
-            "none of {} particles can be used with windows of {1} x {1} px: {cut} are cut by the edge of the image, {saturated} \
-             are saturated",
-            candidates.len(),
-            2 * half + 1
-        )));
-    }
-    Ok(windows)
+    (windows, [cut, saturated])
 }
 
 /// How large images are: stage position in focus (um) and growth (px/um).

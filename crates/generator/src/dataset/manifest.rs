@@ -11,7 +11,7 @@ use super::{IMAGES, Ledger, Stem, calibration};
 use crate::preview::{Preview, SizeCurves};
 use dataset::Table;
 use dataset::manifest::{
-    COORDINATES, Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts,
+    COORDINATES, Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts, OpticsFacts,
     ParticleImageFacts, Resource, ScoringGates, SensorFacts, SizeFacts, SnrFacts, TimingFacts,
     TruthGridFacts, WaveFacts, resource, seal,
 };
@@ -139,6 +139,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
         }),
         renderer: Some(scenario.renderer.name().to_owned()),
         waves: waves(scenario, image),
+        optics: optics(scenario),
         depth_range_um: Some([low, high]),
         depth_range_h_um: Some(high - low),
         coordinates: Some(COORDINATES.to_owned()),
@@ -186,11 +187,15 @@ pub fn wave_facts(scenario: &Scenario, drawn_share: Option<[f64; 2]>) -> Option<
         layers: written.layers,
         cyl_angle_deg: optics.cyl_angle_deg,
         cylinder: optics.cylinder,
-        blur_um: optics.blur_um,
-        field: written.field,
         tolerance,
         drawn_share,
     })
+}
+
+/// Blur, and how the optics vary over the field of view; `None` without both.
+pub fn optics(scenario: &Scenario) -> Option<OpticsFacts> {
+    let (blur_um, field) = (scenario.spec.optics.blur_um.unwrap_or_default(), scenario.spec.optics.field);
+    (blur_um > 0.0 || field.is_some()).then_some(OpticsFacts { blur_um, field })
 }
 
 /// Times of the frames: the keys of the scenario and, in all modes, the number of frames.

@@ -159,17 +159,24 @@ impl FieldOptics {
     /// The particle whose image, with the same optics everywhere, this particle has: where the optics put
     /// it, its distance from the surface in focus, and its light.
     pub fn apparent(&self, settings: &Settings, particle: &Particle) -> Particle {
+        let [dx_px, dy_px, dz_um] = self.displacement(settings, particle);
+        Particle {
+            x_px: particle.x_px + dx_px,
+            y_px: particle.y_px + dy_px,
+            z_um: particle.z_um + dz_um,
+            c_int: particle.c_int * self.at(Self::place(settings, particle.x_px, particle.y_px)).light,
+            ..*particle
+        }
+    }
+
+    /// What the optics add to x and y (px) and to the depth (um) of a particle.
+    pub fn displacement(&self, settings: &Settings, particle: &Particle) -> [f64; 3] {
         let local = self.at(Self::place(settings, particle.x_px, particle.y_px));
         let z_um = particle.z_um - local.focus_um;
         let px_per_um = settings.magnification / settings.pixel_size;
-        let [dx, dy] = [0, 1].map(|axis| (local.distortion_um[axis] + local.slope[axis] * z_um) * px_per_um);
-        Particle {
-            x_px: particle.x_px + dx,
-            y_px: particle.y_px + dy,
-            z_um,
-            c_int: particle.c_int * local.light,
-            ..*particle
-        }
+        let along = |axis: usize| (local.distortion_um[axis] + local.slope[axis] * z_um) * px_per_um;
+        // Not -focus_um, which is -0 where there is none.
+        [along(0), along(1), 0.0 - local.focus_um]
     }
 
     /// Whether positions, depths and light are the same everywhere.

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use super::{Ledger, Stem};
 pub(crate) use boxes::size_class;
-use dataset::rows::GRADIENT;
+use dataset::rows::{GRADIENT, OPTICS};
 use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table, TableWriter, TrackRow, write_table};
 use depth::ParticleImage;
 use scenario::Scenario;
@@ -29,7 +29,10 @@ use visibility::{DepthScan, NoiseFree, Visibility, visibility};
 
 /// The table of tracks with the columns of this scenario.
 pub fn tracks(scenario: &Scenario) -> Table {
-    TrackRow::table(if scenario.spec.truth.gradient { &[GRADIENT] } else { &[] })
+    let optional = [(GRADIENT, scenario.spec.truth.gradient), (OPTICS, scenario.spec.optics.field.is_some())];
+    let parts: Vec<&str> =
+        optional.into_iter().filter(|(_, is_wanted)| *is_wanted).map(|(part, _)| part).collect();
+    TrackRow::table(&parts)
 }
 
 /// Writes the tables that do not belong to single frames: depth and field. `scan`: noise-free images of a
@@ -223,6 +226,7 @@ impl<'a> Truth<'a> {
         // A column of the matrix is a derivative of the velocity.
         let gradient = field.map_or(DMat3::NAN, |field| field.gradient(at, frame.t_s));
         let [by_x, by_y, by_z] = [gradient.x_axis, gradient.y_axis, gradient.z_axis];
+        let [dx_px, dy_px, dz_um] = self.by_optics(&particle);
         TrackRow {
             frame: frame.index,
             t_s: frame.t_s,
@@ -250,6 +254,9 @@ impl<'a> Truth<'a> {
             snr: seen.snr,
             overlap: seen.overlap,
             saturated: seen.saturated,
+            optics_dx_px: dx_px,
+            optics_dy_px: dy_px,
+            optics_dz_um: dz_um,
             du_dx_1_s: by_x.x,
             du_dy_1_s: by_y.x,
             du_dz_1_s: by_z.x,
@@ -260,6 +267,15 @@ impl<'a> Truth<'a> {
             dw_dy_1_s: by_y.z,
             dw_dz_1_s: by_z.z,
         }
+    }
+
+    /// What the optics at a particle's place of the field add to its position in the image (px) and its
+    /// physical depth (um).
+    fn by_optics(&self, particle: &Particle) -> [f64; 3] {
+        let Scenario { spec, settings, .. } = self.scenario;
+        let field = spec.optics.field.unwrap_or_default();
+        let [dx_px, dy_px, dz_um] = field.displacement(settings, particle);
+        [dx_px, dy_px, spec.optics.depth_factor.unwrap_or(1.0) * dz_um]
     }
 
     /// Time of the next frame, s, if the truth links the two.
