@@ -134,12 +134,14 @@ impl Outcome<'_> {
             singles.iter().map(|&k| (subjects[k].place_mm, of_laws[k].light())).collect();
         let (light_per_mm2, light_sd) = light_law(&light);
         let mut coefficients = laws.coefficients.clone();
-        coefficients.push(Coefficient {
-            key: "light_per_mm2",
-            value: light_per_mm2,
-            sd: light_sd,
-            unit: "1/mm^2",
-        });
+        if singles.len() >= FEWEST {
+            coefficients.push(Coefficient {
+                key: "light_per_mm2",
+                value: light_per_mm2,
+                sd: light_sd,
+                unit: "1/mm^2",
+            });
+        }
         // What is within its error is no light law.
         let light_per_mm2 = if light_per_mm2.abs() > 2.0 * light_sd { light_per_mm2 } else { 0.0 };
         let quantities: Vec<&'static str> = FREE.iter().map(|q| QUANTITIES[*q].0).collect();
