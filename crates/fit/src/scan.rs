@@ -359,7 +359,7 @@ mod tests {
     #[test]
     fn counts_that_are_cut_off_are_saturated() {
         let ramp: Vec<u16> = (0..2000).collect();
-        assert_eq!(saturation(&[ramp.clone()], u16::MAX), u16::MAX);
+        assert_eq!(saturation(std::slice::from_ref(&ramp), u16::MAX), u16::MAX);
         assert_eq!(saturation(&[ramp.iter().map(|v| 2 * v + 97).collect()], u16::MAX), 4095);
         assert_eq!(saturation(&[ramp.iter().map(|v| *v.min(&1900)).collect()], u16::MAX), 1900);
         // Eight bits, and an image without light.

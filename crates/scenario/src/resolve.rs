@@ -77,17 +77,8 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     };
     let Some(motion) = motion else { return Err(Error::Problems(problems.0)) };
     let longest = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
-    let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
-        let corners = corners(spec.optics.field.as_ref(), &settings);
-        let depths = (z_um.0 / depth_factor, z_um.1 / depth_factor);
-        let largest =
-            corners.iter().map(|at| largest_image(&renderer, *at, depths, longest)).fold(0.0, f64::max);
-        default_margin_px(largest, &settings, &motion, &mut warnings)
-    });
-    if let Some(field) = &spec.optics.field {
-        let depths = (z_um.0 / depth_factor, z_um.1 / depth_factor);
-        warnings.extend(lost_focus(field, &settings, depths).filter(|_| renderer.depends_on_depth()));
-    }
+    let depths = (z_um.0 / depth_factor, z_um.1 / depth_factor);
+    let margin_px = margin_px(&mut spec, (&settings, &renderer), depths, longest, &motion, &mut warnings);
     let depth_range_um = illuminated_depths(z_um, &illumination, &mut problems);
     let seeding = match &motion {
         MotionSource::Field(_) => {
@@ -150,6 +141,28 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     };
     scenario.warnings.extend(scenario.few_stacks());
     Ok(scenario)
+}
+
+/// The margin around the image, px, for particles up to this diameter at these depths of the model; warns of
+/// corners of the field whose focus is not among them.
+fn margin_px(
+    spec: &mut Spec,
+    (settings, renderer): (&Settings, &Renderer),
+    depths: (f64, f64),
+    longest_um: f64,
+    motion: &MotionSource,
+    warnings: &mut Vec<String>,
+) -> f64 {
+    let field = spec.optics.field.as_ref();
+    let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
+        let corners = corners(field, settings);
+        let images = corners.iter().map(|at| largest_image(renderer, *at, depths, longest_um));
+        default_margin_px(images.fold(0.0, f64::max), settings, motion, warnings)
+    });
+    if let Some(field) = field {
+        warnings.extend(lost_focus(field, settings, depths).filter(|_| renderer.depends_on_depth()));
+    }
+    margin_px
 }
 
 /// Warnings about the renderer, and about noise that the range of counts clips.
