@@ -81,7 +81,7 @@ def heights(located, fitted):
     """Heights of particles above the surface in focus, um: of single ones as fitted, of others with the same spread."""
     random = np.random.default_rng(2)
     table = pd.read_csv(fitted / "particles.csv").query("single == 'yes'")
-    own = table.focus_um - table.focus_um_law
+    own = table.focus_um_of_laws - table.focus_um_law
     height = random.normal(0, own.std(), len(located))
     for x, y, focus in zip(table.x_px, table.y_px, own):
         distance = np.hypot(located.x_px - x, located.y_px - y)
@@ -111,7 +111,10 @@ def spheres(located, diameter_px):
 def twin(out, depths_um, focus_um, particles):
     """Renders the planes of scan and recording with the fitted optics; returns the images."""
     frames = [particles.assign(frame=k, track=particles.index, z_um=z - focus_um + particles.height_um) for k, z in enumerate(depths_um)]
-    pd.concat(frames).drop(columns="height_um").round(4).to_csv(out / "fitted" / "tracks.csv", index=False)
+    folder = out / "scenario"
+    folder.mkdir(exist_ok=True)
+    (folder / "settings.txt").write_bytes((out / "fitted" / "settings.txt").read_bytes())
+    pd.concat(frames).drop(columns="height_um").round(4).to_csv(folder / "tracks.csv", index=False)
     scenario = (out / "fitted" / "scenario.ron").read_text()
     for key, value in {
         "motion": 'tracks(file: "tracks.csv")',
@@ -121,8 +124,8 @@ def twin(out, depths_um, focus_um, particles):
     }.items():
         scenario, count = re.subn(rf"^    {key}: .*$", f"    {key}: {value},", scenario, flags=re.MULTILINE)
         assert count == 1, key
-    (out / "fitted" / "planes.ron").write_text(scenario)
-    run("microsig", "generate", out / "fitted" / "planes.ron", "--out", out / "generated", "--force")
+    (folder / "planes.ron").write_text(scenario)
+    run("microsig", "generate", folder / "planes.ron", "--out", out / "generated", "--force")
     return np.stack([tifffile.imread(file) for file in sorted((out / "generated" / "images").glob("*.tif"))])
 
 
@@ -200,6 +203,33 @@ def binned(rows, by, edges):
 def rms_of_found(errors):
     found = errors.dropna()
     return rms(found) if len(found) > 4 else np.nan
+
+
+def bars(fitted, matches, um_per_px):
+    """What the fit and `mle` must reach on this scan (20x/0.45, M = 10.01), with what they reach."""
+    report = json.loads((fitted / "field.json").read_text())
+    law = {row["key"]: row["value"] for row in report["coefficients"]}
+    single = pd.read_csv(fitted / "particles.csv").query("single == 'yes'")
+    outer = single[np.hypot(single.x_mm, single.y_mm) > 0.35]
+    real = matches[(matches.images == "real") & (matches.method == "mle") & (matches.kind == "match") & (matches.z_um.abs() > NEAR_UM)]
+    near = np.array([np.hypot(single.x_px - x, single.y_px - y).min() < 1.5 for x, y in zip(real.x_px, real.y_px)])
+    middle = (single.x_px - single.x_mm * 1e3 / um_per_px).mean(), (single.y_px - single.y_mm * 1e3 / um_per_px).mean()
+    far = near & (np.hypot(real.x_px - middle[0], real.y_px - middle[1]) * um_per_px > 300)
+    return pd.DataFrame([
+        ("R2 of single particles by the laws, mean", single.r2_of_laws.mean(), 0.990, np.inf),
+        ("the same beyond 350 um", outer.r2_of_laws.mean(), 0.988, np.inf),
+        ("chi2 per pixel of one frame", report["chi2_of_laws"], 0, 2.9),
+        ("blur, um", report["blur_um"], 0.80, 0.92),
+        ("numerical aperture", report["numerical_aperture"], 0.435, 0.447),
+        ("variance of the noise per count", report["noise"][1], 0.045, 0.18),
+        ("curvature of the focus at 400 um, um", 0.16 * law["focus.curvature_um_per_mm2"], 0.68, 0.98),
+        ("tilt of the focus along y, um/mm", law["focus.tilt_um_per_mm.1"], 3.6, 4.0),
+        ("coma, waves/mm", law["coma.per_mm"], -0.147, -0.107),
+        ("focus about its law, rms, um", rms(single.focus_um_of_laws - single.focus_um_law), 0, 0.12),
+        ("single particles by mle, RMS error of z, um", rms(real.dz_um[near]), 0, 0.40),
+        ("the same beyond 300 um", rms(real.dz_um[far]), 0, 0.45),
+        ("the same, bias, um", real.dz_um[near].mean(), -0.15, 0.15),
+    ], columns=["quantity", "measured", "from", "to"])
 
 
 def plot(matches, sensor_px, um_per_px, file):
@@ -297,6 +327,9 @@ def main():
     table = summary(matches, sensor, um_per_px)
     table.round(4).to_csv(out / "scores.csv", index=False)
     print(table.round(3).to_string(index=False))
+    reached = bars(out / "fitted", matches, um_per_px)
+    reached.round(4).to_csv(out / "bars.csv", index=False)
+    print(reached.round(3).to_string(index=False))
     plot(matches, sensor, um_per_px, out / "predicted.png")
     frames = {name: np.stack([tifffile.imread(f) for f in sorted((out / name / "frames").glob("*.tif"))]) for name in ("real", "twin")}
     montage(frames["real"], frames["twin"], planes, out / "images.png")

@@ -137,6 +137,7 @@ mod tests {
             r2: 0.99,
             chi2_of_laws: 1.2,
             r2_of_laws: 0.98,
+            focus_of_laws_um: -1.6,
             light: 1e5,
             measured: vec![x_px, 0.44],
             sd: vec![0.1, 0.01],

@@ -117,7 +117,7 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let of_laws: Vec<Fit> = (0..fits.len())
         .map(|k| {
             let start = laws.at(places[k], &fits[k].local);
-            subjects[k].fit(&start, &[X, Y], FINE, 2)
+            subjects[k].fit(&start, &[FOCUS, X, Y], FINE, 3)
         })
         .collect::<Result<_>>()?;
     let result =

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::frames::Frames;
 use super::laws::{Coefficient, FEWEST, Laws};
-use super::local::{QUANTITIES, X, Y};
+use super::local::{FOCUS, QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
 use super::{FREE, FieldOptions, evenly, median, output};
 use crate::particles::Candidate;
@@ -27,10 +27,12 @@ pub struct FieldParticle {
     pub chi2: f64,
     /// Explained part of the images' variance, with values of its own.
     pub r2: f64,
-    /// The same with the laws of the field; only position, light and background are its own.
+    /// The same with the laws of the field; only position, focus, light and background are its own.
     pub chi2_of_laws: f64,
     /// See `chi2_of_laws`.
     pub r2_of_laws: f64,
+    /// Stage position in focus with the laws for everything else, um.
+    pub focus_of_laws_um: f64,
     /// Mean light, counts.
     pub light: f64,
     /// Values of its own, by quantity.
@@ -163,6 +165,7 @@ impl Outcome<'_> {
                     r2: fits[k].r2(),
                     chi2_of_laws: of_laws[k].chi2(),
                     r2_of_laws: of_laws[k].r2(),
+                    focus_of_laws_um: of_laws[k].local[FOCUS],
                     light: of_laws[k].light(),
                     measured: FREE.iter().map(|q| local[*q]).collect(),
                     sd: (0..FREE.len()).map(sd).collect(),

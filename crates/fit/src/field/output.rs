@@ -114,7 +114,7 @@ fn significant(value: f64) -> f64 {
 /// The particles as CSV: place, misfit, and each quantity as measured, with its standard deviation and by the
 /// laws.
 pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
-    let mut text = "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_laws,r2_of_laws,light_counts".to_owned();
+    let mut text = "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_laws,r2_of_laws,focus_um_of_laws,light_counts".to_owned();
     for name in &fitted.quantities {
         text += &format!(",{name},{name}_sd,{name}_law");
     }
@@ -122,7 +122,7 @@ pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
     for p in &fitted.particles {
         let [x, y] = p.place_mm;
         text += &format!(
-            "{:.3},{:.3},{x:.5},{y:.5},{},{:.3},{:.5},{:.3},{:.5},{:.0}",
+            "{:.3},{:.3},{x:.5},{y:.5},{},{:.3},{:.5},{:.3},{:.5},{:.4},{:.0}",
             p.x_px,
             p.y_px,
             if p.is_single { "yes" } else { "no" },
@@ -130,6 +130,7 @@ pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
             p.r2,
             p.chi2_of_laws,
             p.r2_of_laws,
+            p.focus_of_laws_um,
             p.light
         );
         for ((measured, sd), law) in p.measured.iter().zip(&p.sd).zip(&p.law) {
