@@ -48,6 +48,11 @@ impl Shutter {
         Ok(Shutter { open_s, flashes, spacing_s: if flashes > 1 { spacing_s } else { 0.0 }, piece_um })
     }
 
+    /// Duration of a flash, s.
+    pub fn open_s(&self) -> f64 {
+        self.open_s
+    }
+
     /// Time from the first opening to the last closing, s.
     pub fn span_s(&self) -> f64 {
         self.open_s + f64::from(self.flashes - 1) * self.spacing_s

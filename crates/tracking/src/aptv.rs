@@ -151,8 +151,11 @@ impl CalibrationCurve {
         let least =
             OF_PEAK * LEAST_BRIGHTNESS * stacks.iter().flatten().map(peak).fold(f32::INFINITY, f32::min);
         let mut all = CalibrationCurve { points: Vec::new(), offsets: Vec::new(), least, ambiguous: false };
-        for steps in stacks {
-            let curve = CalibrationCurve::new(steps, least)?;
+        for (k, steps) in stacks.iter().enumerate() {
+            let curve = CalibrationCurve::new(steps, least).map_err(|why| match stacks.len() {
+                1 => why,
+                sizes => Error::input(format!("{why} (diameter {} of {sizes}, the smallest first)", k + 1)),
+            })?;
             all.points.extend(curve.points);
             all.offsets.extend(curve.offsets);
             all.ambiguous |= curve.ambiguous;

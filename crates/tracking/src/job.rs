@@ -112,8 +112,23 @@ impl<'a> Job<'a> {
         let range =
             link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
         let rows = link::link(&found, range, self.recording.pairs());
-        self.warn_of_few_links(&rows);
+        if !self.warn_of_displacements() {
+            self.warn_of_few_links(&rows);
+        }
         Ok(Output::Points(rows))
+    }
+
+    /// Warns if the dataset states displacements beyond the search range.
+    fn warn_of_displacements(&self) -> bool {
+        let range_px = self.options.max_displacement_px;
+        let beyond = self.recording.max_displacement_px().filter(|moved_px| *moved_px > range_px);
+        if let Some(moved_px) = beyond {
+            self.warn(format!(
+                "particles of this dataset move by up to {moved_px:.1} px from frame to frame, and --max-displacement is \
+                 {range_px} px: links of the fastest may be missed or wrong"
+            ));
+        }
+        beyond.is_some()
     }
 
     /// Warns if hardly any particle is found in two frames, which suggests displacements beyond the search

@@ -102,7 +102,7 @@ fn of_size(
     let side = stack.images[0].width;
     let mut model = ModelImages::new(origin, &stack.depths_um, side)?;
     let images = model.stack([0.0; 2], side);
-    let correlation = model.calibrate(&images, &stack.images)?;
+    let correlation = model.calibrate(&images, &stack.images, origin.d_um)?;
     if correlation < LEAST_CORRELATION.1 {
         job.warn(format!(
             "the correlation of the optical model with the calibration stack of {} um is {correlation:.3} (1 is perfect); \
@@ -185,7 +185,7 @@ impl ModelImages {
     }
 
     /// Fits the counts per ray to the calibration stack; returns the correlation of both stacks.
-    fn calibrate(&mut self, model: &[GrayImage], stack: &[GrayImage]) -> Result<f64> {
+    fn calibrate(&mut self, model: &[GrayImage], stack: &[GrayImage], d_um: f64) -> Result<f64> {
         let (mut own, mut both, mut seen) = (0.0, 0.0, 0.0);
         for (model, stack) in model.iter().zip(stack) {
             for (m, s) in model.counts.iter().zip(&stack.counts) {
@@ -199,8 +199,8 @@ impl ModelImages {
         // NaN if an image has no light.
         if correlation.is_nan() || correlation < LEAST_CORRELATION.0 {
             return Err(Error::input(format!(
-                "mle: the optical model of calibration/settings.txt correlates with the calibration stack by \
-                 {correlation:.2}; expected at least {}",
+                "mle: the optical model of calibration/settings.txt correlates with the calibration stack of {d_um} um by \
+                 {correlation:.2}; expected at least {}: the settings do not match, or the particle is fainter than the noise",
                 LEAST_CORRELATION.0
             )));
         }

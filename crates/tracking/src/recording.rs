@@ -63,6 +63,11 @@ impl Recording {
         self.facts.image_area_px.map(|area| 2.0 * (area / std::f64::consts::PI).sqrt())
     }
 
+    /// Largest displacement from frame to frame, px.
+    pub(super) fn max_displacement_px(&self) -> Option<f64> {
+        self.facts.max_displacement_px
+    }
+
     /// The fraction of the sensor that contains particles.
     pub(super) fn image_share(&self) -> f64 {
         self.facts.image_share.unwrap_or(1.0)

@@ -52,8 +52,12 @@ impl Generate {
         };
         // The scenario's own warnings have been printed already; only later ones remain.
         warn(&generated.warnings[scenario.warnings.len()..], common);
+        let streaks = match generated.max_streak_px {
+            px if px >= 0.01 => format!(", streaks of up to {px:.2} px"),
+            _ => String::new(),
+        };
         let text = format!(
-            "dataset {}: {} images, {:.1} particles in view on average, {} displacements of up to {:.2} px, in {:.2} s, in {}\n{}\n{}",
+            "dataset {}: {} images, {:.1} particles in view on average, {} displacements of up to {:.2} px{streaks}, in {:.2} s, in {}\n{}\n{}",
             generated.name,
             generated.images,
             generated.particles as f64 / f64::from(generated.images.max(1)),

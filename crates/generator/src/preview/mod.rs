@@ -15,7 +15,7 @@ use serde::Serialize;
 pub use depth_of_field::depth_of_field_um;
 use depth_of_field::span;
 pub use picture::svg;
-use scenario::{CylinderFacts, MotionSource, Scenario};
+use scenario::{CylinderFacts, MotionSource, Scenario, spec::Diameter};
 use storage::error::Result;
 pub use text::{lines, text};
 pub use ticks::tick_label;
@@ -35,6 +35,9 @@ const GREEN_UM: f64 = 0.55;
 const WAVES_OF_APLANAT: &str = "render: (mode: waves, wavelength_um: ...) with optics: (lens: aplanatic)";
 /// Minimum fraction of the accepted light that should land near the particle's position.
 const LEAST_NEAR: f64 = 0.5;
+
+/// Signal-to-noise ratio of a pixel that a size should exceed at some depth.
+const LEAST_SNR: f64 = 2.0;
 
 /// Predicted particle images of a scenario's optics.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -64,6 +67,9 @@ pub struct Preview {
     /// Depth of correlation, um: where the weight of images in a correlation is at least 1 % of the maximum;
     /// for the mean size.
     pub depth_of_correlation_um: f64,
+    /// Whether that range ends at an end of the depth range, beyond which it may continue.
+    #[serde(skip)]
+    is_correlation_cut: bool,
     /// Mean number of particles in view.
     pub particles_in_view: f64,
     /// Source density of these particles, in the area that walls and bodies leave free.
@@ -175,6 +181,7 @@ impl Preview {
         let response = scenario.response()?;
         let in_view = in_view(scenario)?;
         let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+        let (depth_of_correlation_um, is_correlation_cut) = span(mean, |spot| spot.curvature, CORRELATED);
         let mut preview = Preview {
             name: scenario.spec.name.clone(),
             optics: scenario.renderer.description().optics,
@@ -189,9 +196,11 @@ impl Preview {
                 .zip(mean.focus_um())
                 .map(|(waves, focus_um)| waves.path_difference_waves(focus_um / factor)),
             depth_of_field_um,
-            depth_of_correlation_um: span(mean, |spot| spot.curvature, CORRELATED),
+            depth_of_correlation_um,
+            is_correlation_cut,
             particles_in_view: in_view,
-            source_density: in_view * mean.area_px() / (pixels * scenario.image_share()),
+            source_density: in_view * mean_area_px(scenario, &sizes_um, &scans, middle)
+                / (pixels * scenario.image_share()),
             background_counts: response.background,
             background_noise_counts: response.background_noise,
             saturation_counts: scenario.sensor()?.saturation_counts(),
@@ -251,6 +260,16 @@ impl Preview {
                     size.d_um,
                     self.background_counts + peak,
                     self.saturation_counts
+                ));
+            }
+        }
+        for size in &self.sizes {
+            let snr = size.range(|depth| depth.snr).map(|[_, highest]| highest);
+            if let Some(snr) = snr.filter(|snr| *snr < LEAST_SNR) {
+                warnings.push(format!(
+                    "images of {:.3} um particles have a peak of at most {snr:.1} times the noise of a pixel: most trackers do not \
+                     see them, and their calibration stack shows little but noise",
+                    size.d_um
                 ));
             }
         }
@@ -348,6 +367,21 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<SizeCurves
     })
 }
 
+/// Area of a particle image averaged over depth: of the sizes of a list, weighted by their numbers; otherwise
+/// of the mean size, px^2.
+fn mean_area_px(scenario: &Scenario, sizes_um: &[f64], scans: &[DepthScan], middle: usize) -> f64 {
+    let Some(Diameter::List(listed)) = &scenario.spec.particles.diameter_um else {
+        return scans[middle].area_px();
+    };
+    let areas: Vec<f64> = scans.iter().map(DepthScan::area_px).collect();
+    let area = |d_um: f64| {
+        let off = |i: &usize| (sizes_um[*i] - d_um).abs();
+        areas[(0..areas.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(middle)]
+    };
+    let total: f64 = listed.iter().map(|(_, weight)| weight).sum();
+    listed.iter().map(|(d_um, weight)| weight * area(*d_um)).sum::<f64>() / total
+}
+
 /// Mean number of particles in view.
 fn in_view(scenario: &Scenario) -> Result<f64> {
     match &scenario.motion {
@@ -440,6 +474,28 @@ mod tests {
             assert!(waves > 4.5 && waves < 7.0 && warns(&large), "{mode}: {waves} {:?}", large.warnings);
         }
         assert!(!warns(&preview("", "")));
+    }
+
+    /// Sizes of a list: a size that is fainter than the noise is named; the source density is that of the
+    /// mixture, with less than the mean size would have if small particles prevail.
+    #[test]
+    fn each_listed_size_counts() {
+        let of = |sizes: &str| {
+            preview(
+                "",
+                &format!(
+                    "particles: (number: count(7), diameter_um: {sizes}, \
+                     c_int: power_of_diameter(reference_um: 4, exponent: 5))"
+                ),
+            )
+        };
+        let dim = |shown: &Preview, text: &str| shown.warnings.iter().any(|warning| warning.contains(text));
+        let (small, large) = (of("constant(0.8)"), of("constant(4)"));
+        let mixed = of("list([(0.8, 3), (4, 1)])");
+        let expected = 0.75 * small.source_density + 0.25 * large.source_density;
+        assert!((mixed.source_density / expected - 1.0).abs() < 0.02, "{} {expected}", mixed.source_density);
+        assert!(dim(&mixed, "0.800 um particles have a peak of at most"), "{:?}", mixed.warnings);
+        assert!(!dim(&large, "particles have a peak of at most"), "{:?}", large.warnings);
     }
 
     /// With MicroSIG's lens, a halo shifts the minimum widths of all light.

@@ -98,7 +98,10 @@ pub fn text(preview: &Preview) -> String {
     let [focus, light] = lines(preview);
     let mut text = format!("{}: {}\n{focus}\n{light}\n", preview.name, preview.optics);
     let of_path = preview.path_difference_waves.map_or_else(String::new, |waves| {
-        format!(", path differences over the pupil {waves:.2} waves in best focus")
+        format!(
+            ", path differences over the pupil {waves:.2} waves in best focus{}",
+            if preview.cylinder.is_some() { " without the cylindrical lens" } else { "" }
+        )
     });
     text += &format!(
         "{:.4} um per px; Airy radius {:.2} px{}{of_path}\n",
@@ -117,7 +120,8 @@ pub fn text(preview: &Preview) -> String {
         text += &(cylinder::phrase(facts) + "\n");
     }
     text += &format!(
-        "depth of correlation {:.1} um; {:.1} particles in view; background {:.1} counts with a noise of {:.2}\n",
+        "depth of correlation {}{:.1} um; {:.1} particles in view; background {:.1} counts with a noise of {:.2}\n",
+        if preview.is_correlation_cut { "at least " } else { "" },
         preview.depth_of_correlation_um,
         preview.particles_in_view,
         preview.background_counts,

@@ -191,8 +191,12 @@ impl Cost {
     /// The cost as a sentence.
     pub fn text(&self) -> String {
         let free = |bytes: Option<u64>| bytes.map_or(String::new(), |b| format!(" of {} free", size_text(b)));
-        let time =
-            self.seconds.map_or(String::new(), |s| format!(", about {}", duration_text(s, self.threads)));
+        let time = self.seconds.map_or(String::new(), |s| {
+            format!(
+                ", about {} without calibration stacks and truth over depth",
+                duration_text(s, self.threads)
+            )
+        });
         format!(
             "{} frames with {:.1} particles each{time}; memory {}{}; disk {}{}",
             self.frames,

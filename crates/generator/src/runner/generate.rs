@@ -49,6 +49,8 @@ pub struct Generated {
     pub displacements: u64,
     /// Largest displacement of a visible particle, px.
     pub max_displacement_px: f64,
+    /// How far such a particle moves while the shutter is open, px; 0: exposures are instantaneous.
+    pub max_streak_px: f64,
     /// Duration, s.
     pub seconds: f64,
     /// Descriptions of focus and light.
@@ -130,6 +132,9 @@ pub(super) fn assemble(
         particles: census.visible,
         displacements: census.displacements,
         max_displacement_px: census.max_displacement_px,
+        max_streak_px: scenario.shutter.map_or(0.0, |shutter| {
+            census.max_displacement_px * shutter.open_s() / scenario.recordings.dt_s()
+        }),
         seconds: 0.0,
         optics: preview::lines(&preview),
         warnings: scenario.warnings.iter().cloned().chain(of_images).chain(implausible).collect(),
