@@ -77,19 +77,6 @@ def locate(scan, stage_um, focus_um):
     return pd.DataFrame(kept, columns=["x_px", "y_px", "light"])
 
 
-def heights(located, fitted):
-    """Heights of particles above the surface in focus, um: of single ones as fitted, of others with the same spread."""
-    random = np.random.default_rng(2)
-    table = pd.read_csv(fitted / "particles.csv").query("single == 'yes'")
-    own = table.focus_um_of_laws - table.focus_um_law
-    height = random.normal(0, own.std(), len(located))
-    for x, y, focus in zip(table.x_px, table.y_px, own):
-        distance = np.hypot(located.x_px - x, located.y_px - y)
-        if distance.min() < 1.5:
-            height[distance.argmin()] = -focus
-    return located.assign(height_um=height)
-
-
 def spheres(located, diameter_px):
     """Spheres of the twin: bright spots are clusters that touch, of as many spheres as have their light.
 
@@ -98,23 +85,23 @@ def spheres(located, diameter_px):
     middle = located.light.median()
     single = located.light[(located.light > 0.5 * middle) & (located.light < 1.75 * middle)].mean()
     rows = []
-    for x, y, light, height in located.itertuples(index=False):
+    for x, y, light in located.itertuples(index=False):
         count = max(1, round(light / single))
         grid = np.array([(i + j / 2, j * np.sqrt(0.75)) for i in range(-4, 5) for j in range(-4, 5)])
         grid = grid[np.argsort((grid**2).sum(axis=1), kind="stable")][:count]
         angle = random.uniform(0, 2 * np.pi)
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        rows += [(x + dx, y + dy, height, light / single / count) for dx, dy in (grid - grid.mean(axis=0)) @ turn * diameter_px]
-    return pd.DataFrame(rows, columns=["x_px", "y_px", "height_um", "c_int"])
+        rows += [(x + dx, y + dy, light / single / count) for dx, dy in (grid - grid.mean(axis=0)) @ turn * diameter_px]
+    return pd.DataFrame(rows, columns=["x_px", "y_px", "c_int"])
 
 
 def twin(out, depths_um, focus_um, particles):
     """Renders the planes of scan and recording with the fitted optics; returns the images."""
-    frames = [particles.assign(frame=k, track=particles.index, z_um=z - focus_um + particles.height_um) for k, z in enumerate(depths_um)]
+    frames = [particles.assign(frame=k, track=particles.index, z_um=z - focus_um) for k, z in enumerate(depths_um)]
     folder = out / "scenario"
     folder.mkdir(exist_ok=True)
     (folder / "settings.txt").write_bytes((out / "fitted" / "settings.txt").read_bytes())
-    pd.concat(frames).drop(columns="height_um").round(4).to_csv(folder / "tracks.csv", index=False)
+    pd.concat(frames).round(4).to_csv(folder / "tracks.csv", index=False)
     scenario = (out / "fitted" / "scenario.ron").read_text()
     for key, value in {
         "motion": 'tracks(file: "tracks.csv")',
@@ -304,7 +291,7 @@ def main():
     located = locate(scan, stage, focus_um)
     known = [located.assign(frame=k, z_um=z)[["frame", "x_px", "y_px", "z_um"]] for k, z in enumerate(planes)]
     pd.concat(known).round(3).to_csv(out / "known.csv", index=False)
-    particles = spheres(heights(located, out / "fitted"), args.diameter / um_per_px)
+    particles = spheres(located, args.diameter / um_per_px)
     print(f"{len(located)} particles and clusters; {len(particles)} spheres in the twin", flush=True)
     if not (args.resume and (out / "twin" / "scan.tif").exists()):
         images = twin(out, np.concatenate([stage, planes]), focus_um, particles)
