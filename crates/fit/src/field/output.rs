@@ -114,7 +114,8 @@ fn significant(value: f64) -> f64 {
 /// The particles as CSV: place, misfit, and each quantity as measured, with its standard deviation and by the
 /// laws.
 pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
-    let mut text = "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_laws,r2_of_laws,focus_um_of_laws,light_counts".to_owned();
+    let mut text =
+        "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_laws,r2_of_laws,focus_um_of_laws,light_counts".to_owned();
     for name in &fitted.quantities {
         text += &format!(",{name},{name}_sd,{name}_law");
     }
