@@ -402,8 +402,8 @@ fn face(boundary: spec::Boundary) -> Boundary {
     }
 }
 
-/// Half the side of the largest particle image at a place of the sensor (px) within `z_um`, a depth range in MicroSIG's data files; px,
-/// rounded up.
+/// Half the side of the largest particle image at a place of the sensor (px) within `z_um`, a depth range in
+/// MicroSIG's data files; px, rounded up.
 fn largest_image(renderer: &Renderer, [x, y]: [f64; 2], z_um: (f64, f64), d_um: f64) -> f64 {
     /// The image grows smoothly away from focus, so the ends of the range and a few planes between them are
     /// enough.

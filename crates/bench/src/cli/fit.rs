@@ -138,8 +138,10 @@ enum Flux {
 /// The result of a fit of a field for a terminal.
 fn field_text(fitted: &FieldFit, out: &Path) -> String {
     let singles = fitted.particles.iter().filter(|particle| particle.is_single).count();
-    let mut text =
-        format!("Optics over the field from {singles} single particles of {}:\n", fitted.particles.len());
+    let mut text = format!(
+        "Optics over the field from the {singles} of {} particles that are single:\n",
+        fitted.particles.len()
+    );
     for coefficient in &fitted.coefficients {
         let fit::Coefficient { key, value, sd, unit } = coefficient;
         text += &format!("  {key:<34} {value:>10.5} +- {:.5} {unit}\n", 1.96 * sd);

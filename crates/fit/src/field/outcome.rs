@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::frames::Frames;
 use super::laws::{Coefficient, FEWEST, Laws};
-use super::local::{FOCUS, QUANTITIES, X, Y};
+use super::local::{FOCUS, NA, QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
 use super::{FREE, FieldOptions, evenly, median, output};
 use crate::particles::Candidate;
@@ -175,7 +175,16 @@ impl Outcome<'_> {
             .collect();
         let mean_r2 = singles.iter().map(|&k| of_laws[k].r2()).sum::<f64>() / singles.len() as f64;
         let chi2 = median(singles.iter().map(|&k| of_frame(of_laws[k].chi2(), repeats)).collect());
-        let warnings = self.warnings(fits.len(), singles.len());
+        let mut warnings = self.warnings(fits.len(), singles.len());
+        let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * subjects[**k].largest_na();
+        let bounded = singles.iter().filter(is_bounded).count();
+        if bounded > 0 {
+            warnings.push(format!(
+                "the numerical aperture of {bounded} of {} single particles is the largest that is tried with such windows: their \
+                 images do not fit into them; set a larger --window or omit the planes with the largest images (--planes A-B)",
+                singles.len()
+            ));
+        }
         let noise = frames.noise;
         let stage = |f: fn(f64, f64) -> f64, start: f64| {
             frames.stage_um.iter().map(|s| options.direction * (s - laws.focus_um())).fold(start, f)

@@ -257,7 +257,7 @@ impl Subject<'_> {
 
     /// The aperture of images that are wider than the window through half of the depth range. No aperture is as
     /// large, and the images of larger ones take long.
-    fn largest_na(&self) -> f64 {
+    pub(super) fn largest_na(&self) -> f64 {
         let stage = || self.planes.iter().map(|plane| self.frames.stage_um[*plane]);
         let (low, high) = (stage().fold(f64::INFINITY, f64::min), stage().fold(f64::NEG_INFINITY, f64::max));
         let reach_um = 1.5 * self.half as f64 / self.instrument.px_per_um();
