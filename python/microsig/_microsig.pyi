@@ -137,6 +137,8 @@ def track(
     noise_px: float,
     noise_um: float,
     ensemble: bool,
+    spheroids: bool,
+    aspect_ratio: float | None,
     seed: int,
     show: bool,
 ) -> dict[str, Any]: ...

@@ -268,6 +268,8 @@ def track(
     noise_px: float = 0.1,
     noise_um: float = 1.0,
     ensemble: bool = False,
+    shape: Literal["sphere", "spheroid"] = "sphere",
+    aspect_ratio: float | None = None,
     seed: int = 0,
     progress: bool = False,
 ) -> Table:
@@ -282,9 +284,12 @@ def track(
     :param noise_px: standard deviation of the noise in x and y (``truth-noise``), px
     :param noise_um: the same in z, um
     :param ensemble: one field for all pairs of a steady flow (``piv``)
+    :param shape: ``spheroid``: also measure the axis (``mle``)
+    :param aspect_ratio: polar over equatorial diameter of spheroids, 0.1 to 10; fitted if None
     :param seed: seed of that noise
     :param progress: show a bar, if standard error is a terminal
-    :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field
+    :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field; of
+        spheroids also standard deviations, axes, and a second axis that fits
     :raises ValueError: an unknown method, an option out of range, a dataset without what the method needs
     :raises TypeError: an option of another kind
     """
@@ -295,6 +300,8 @@ def track(
         real("noise_px", noise_px, 0, 1e3),
         real("noise_um", noise_um, 0, 1e3),
         flag("ensemble", ensemble),
+        one_of("shape", shape, ("sphere", "spheroid")) == "spheroid",
+        None if aspect_ratio is None else real("aspect_ratio", aspect_ratio, 0.1, 10),
         whole("seed", seed, 0, LAST_SEED),
         flag("progress", progress),
     )

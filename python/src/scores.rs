@@ -11,7 +11,7 @@ use scenario::{self, Sweep};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Truth, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, Origin, Source};
-use tracking::{METHODS, TrackOptions, result};
+use tracking::{METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
 use crate::dataset::{Kept, Place};
@@ -163,6 +163,8 @@ fn track(
     noise_px: f64,
     noise_um: f64,
     ensemble: bool,
+    spheroids: bool,
+    aspect_ratio: Option<f64>,
     seed: u64,
     show: bool,
 ) -> PyResult<Bound<'_, PyDict>> {
@@ -176,6 +178,11 @@ fn track(
             seed,
             force: false,
             ensemble,
+            shape: if spheroids {
+                ParticleShape::Spheroid { aspect: aspect_ratio }
+            } else {
+                ParticleShape::Sphere
+            },
             progress: progress.clone(),
         };
         Ok(result(&dataset, &options)?.0)

@@ -42,6 +42,8 @@ pub struct RecordingFacts {
     pub focus_um: Option<f64>,
     /// Largest displacement of a visible particle in the image plane, px.
     pub max_displacement_px: Option<f64>,
+    /// How far the fastest visible particle moves within an exposure, px.
+    pub max_streak_px: Option<f64>,
     /// Mean area of a particle image over depth, px.
     pub image_area_px: Option<f64>,
     /// The share of the sensor in which particles are, if walls or bodies exclude them from the rest.
@@ -104,6 +106,9 @@ impl RecordingFacts {
             bursts: timing.are_bursts(),
             focus_um: own.particle_image.as_ref().and_then(|p| p.focus_um),
             max_displacement_px: positive(own.max_displacement_px),
+            max_streak_px: positive(own.max_displacement_px)
+                .zip(positive(timing.dt_s()))
+                .and_then(|(moved_px, dt_s)| positive(Some(moved_px * timing.open_s() / dt_s))),
             image_area_px: positive(own.a_pi_px),
             image_share: own.image_share.filter(|share| *share > 0.0 && *share < 1.0),
             // The public part of a test split names its renderer, not its particle images.

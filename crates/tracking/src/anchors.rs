@@ -57,7 +57,14 @@ fn moved(dataset: &Path, mut change: impl FnMut(&mut Row)) -> Result<Output> {
     let visible = truth.rows.iter().zip(&truth.visible).filter(|(_, visible)| **visible);
     let rows = visible.map(|(row, _)| {
         let z_um = truth.has_z.then_some(row.at.z_um);
-        let mut row = Row { frame: row.frame, track: row.track, x_px: row.at.x_px, y_px: row.at.y_px, z_um };
+        let mut row = Row {
+            frame: row.frame,
+            track: row.track,
+            x_px: row.at.x_px,
+            y_px: row.at.y_px,
+            z_um,
+            shape: None,
+        };
         change(&mut row);
         row
     });

@@ -44,7 +44,8 @@ pub(super) const METHOD: Method = Method {
     name: "aptv",
     about: "Depth from the two widths of astigmatic particle images, linked",
     run: |job| {
-        let curve = CalibrationCurve::of_sizes(&calibration::read(job.dataset)?)?;
+        let (curve, left_out) = CalibrationCurve::of_sizes(&calibration::read(job.dataset)?)?;
+        left_out.into_iter().for_each(|warning| job.warn(warning));
         curve.warning().into_iter().for_each(|warning| job.warn(warning));
         let tally = Mutex::new(Tally::default());
         let found = job.particles(|image| {
@@ -139,11 +140,11 @@ pub(super) struct CalibrationCurve {
 }
 
 impl CalibrationCurve {
-    /// The points of the curves of all stacks.
+    /// The points of the curves of all stacks, and warnings of sizes that are too faint for a curve.
     ///
     /// # Errors
-    /// Fewer than five images of a stack show a particle.
-    fn of_sizes(stacks: &[Vec<CalibrationImage>]) -> Result<Self> {
+    /// Fewer than five images show a particle, of any stack.
+    fn of_sizes(stacks: &[Vec<CalibrationImage>]) -> Result<(Self, Vec<String>)> {
         let peak = |step: &CalibrationImage| {
             let smooth = step.image.smoothed(SMOOTH_PX);
             smooth.counts.iter().copied().fold(0.0, f32::max) - smooth.background().0
@@ -151,16 +152,14 @@ impl CalibrationCurve {
         let least =
             OF_PEAK * LEAST_BRIGHTNESS * stacks.iter().flatten().map(peak).fold(f32::INFINITY, f32::min);
         let mut all = CalibrationCurve { points: Vec::new(), offsets: Vec::new(), least, ambiguous: false };
-        for (k, steps) in stacks.iter().enumerate() {
-            let curve = CalibrationCurve::new(steps, least).map_err(|why| match stacks.len() {
-                1 => why,
-                sizes => Error::input(format!("{why} (diameter {} of {sizes}, the smallest first)", k + 1)),
-            })?;
+        let curves =
+            calibration::usable_sizes(stacks.iter().map(|steps| CalibrationCurve::new(steps, least)))?;
+        for curve in curves.0 {
             all.points.extend(curve.points);
             all.offsets.extend(curve.offsets);
             all.ambiguous |= curve.ambiguous;
         }
-        Ok(all)
+        Ok((all, curves.1))
     }
 
     /// The curve of a calibration stack, of regions at least `least` counts above the background.
@@ -229,6 +228,7 @@ impl CalibrationCurve {
             x_px: region.at[0] - ox + 1.0,
             y_px: region.at[1] - oy + 1.0,
             z_um: Some(self.points[nearest].0),
+            shape: None,
         })
     }
 }
@@ -348,7 +348,7 @@ mod tests {
                 CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
             })
             .collect();
-        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap();
+        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap().0;
         assert!(curve.warning().is_none());
         for z in [-17.3, -6.1, 0.4, 11.9] {
             let (found, _) = curve.find(&image(80, [41.25, 38.6], z));
@@ -366,7 +366,7 @@ mod tests {
                 CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
             })
             .collect();
-        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap();
+        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap().0;
         // Two overlapping particles and one at the edge.
         let parts = [([40.0, 40.0], 15.0), ([46.0, 48.0], -15.0), ([2.0, 70.0], 0.0)];
         let images = parts.map(|(at, z_um)| image(90, at, z_um));
@@ -395,12 +395,17 @@ mod tests {
 
     #[test]
     fn a_stack_without_a_particle_is_an_error() {
-        let image = GrayImage::from_fn((40, 40), |x, y| ((x * 7 + y * 13) % 5) as f32);
+        let dark = GrayImage::from_fn((40, 40), |x, y| ((x * 7 + y * 13) % 5) as f32);
         let steps: Vec<CalibrationImage> = (0..9)
-            .map(|k| CalibrationImage { z_um: f64::from(k), at: [20.0, 20.0], image: image.clone() })
+            .map(|k| CalibrationImage { z_um: f64::from(k), at: [20.0, 20.0], image: dark.clone() })
             .collect();
-        assert!(
-            CalibrationCurve::of_sizes(&[steps]).unwrap_err().to_string().contains("expected at least 5")
-        );
+        let why = CalibrationCurve::of_sizes(std::slice::from_ref(&steps)).unwrap_err().to_string();
+        assert!(why.contains("expected at least 5"), "{why}");
+        // Beside one that is seen, it is left out.
+        let seen =
+            steps.iter().map(|step| CalibrationImage { image: image(40, [20.0; 2], step.z_um), ..*step });
+        let (curve, left_out) = CalibrationCurve::of_sizes(&[steps.clone(), seen.collect()]).unwrap();
+        assert!(!curve.points.is_empty());
+        assert!(left_out[0].contains("diameter 1 (the smallest first) are not searched for"), "{left_out:?}");
     }
 }

@@ -129,6 +129,27 @@ fn central(dataset: &Path) -> Result<Stacks> {
     Ok((size, stacks))
 }
 
+/// What a method makes of the stack of each size (the smallest first), without sizes that it cannot use, such as
+/// particles fainter than the noise; and a warning for each of these.
+///
+/// # Errors
+/// That of the first size if none can be used.
+pub(super) fn usable_sizes<T>(sizes: impl Iterator<Item = Result<T>>) -> Result<(Vec<T>, Vec<String>)> {
+    let (mut usable, mut unusable) = (Vec::new(), Vec::new());
+    for (k, size) in sizes.enumerate() {
+        match size {
+            Ok(size) => usable.push(size),
+            Err(why) => unusable.push((k + 1, why)),
+        }
+    }
+    if usable.is_empty() && !unusable.is_empty() {
+        return Err(unusable.swap_remove(0).1);
+    }
+    let left_out =
+        |(k, why)| format!("particles of diameter {k} (the smallest first) are not searched for: {why}");
+    Ok((usable, unusable.into_iter().map(left_out).collect()))
+}
+
 /// Reads and checks the calibration stacks of a dataset; returns their number of images.
 ///
 /// # Errors

@@ -112,6 +112,7 @@ impl<'a> Job<'a> {
         let range =
             link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
         let rows = link::link(&found, range, self.recording.pairs());
+        self.warn_of_streaks();
         if !self.warn_of_displacements() {
             self.warn_of_few_links(&rows);
         }
@@ -129,6 +130,18 @@ impl<'a> Job<'a> {
             ));
         }
         beyond.is_some()
+    }
+
+    /// Warns if particles move within an exposure, of which their calibration images show nothing.
+    fn warn_of_streaks(&self) {
+        /// Streaks up to this length hardly change images, px.
+        const SHORT_PX: f64 = 1.0;
+        if let Some(streak_px) = self.recording.max_streak_px().filter(|streak_px| *streak_px > SHORT_PX) {
+            self.warn(format!(
+                "particles of this dataset move by up to {streak_px:.1} px within an exposure. The method takes them as at \
+                 rest: streaks resemble its images the less, the brighter they are, and may be missed or found in pieces"
+            ));
+        }
     }
 
     /// Warns if hardly any particle is found in two frames, which suggests displacements beyond the search

@@ -352,15 +352,15 @@ fn common<'p>(
 }
 
 /// Normal equations; only the lower triangle of the symmetric matrix is filled.
-struct Equations {
-    matrix: Vec<f64>,
-    right: Vec<f64>,
+pub(super) struct Equations {
+    pub(super) matrix: Vec<f64>,
+    pub(super) right: Vec<f64>,
 }
 
 impl Equations {
     /// The solution with the diagonal multiplied by 1 + `damping` (Cholesky); `None` if the matrix is
     /// singular.
-    fn solved(&self, damping: f64) -> Option<Vec<f64>> {
+    pub(super) fn solved(&self, damping: f64) -> Option<Vec<f64>> {
         let n = self.right.len();
         let mut l = self.matrix.clone();
         for i in 0..n {

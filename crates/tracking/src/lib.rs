@@ -30,6 +30,8 @@ mod recorded_noise;
 mod recording;
 mod regions;
 mod search;
+mod sides;
+mod spheroids;
 mod spots;
 mod stack;
 mod templates;
@@ -40,6 +42,7 @@ pub use gray_image::{GrayImage, Spline};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use glam::DVec3;
 use serde::Serialize;
 
 use dataset::Columns;
@@ -72,6 +75,18 @@ pub static METHODS: &[&Method] = &[
     &anchors::EMPTY,
 ];
 
+/// Shape of the particles that `mle` fits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ParticleShape {
+    /// Spheres.
+    Sphere,
+    /// Spheroids with the equatorial diameter of the calibration particle.
+    Spheroid {
+        /// Polar over equatorial diameter, > 0; `None`: fitted.
+        aspect: Option<f64>,
+    },
+}
+
 /// Options of a tracker run.
 #[derive(Debug, Clone)]
 pub struct TrackOptions {
@@ -91,6 +106,8 @@ pub struct TrackOptions {
     pub force: bool,
     /// Whether `piv` averages the correlation planes of all image pairs, for one field of a steady flow.
     pub ensemble: bool,
+    /// Shape of the particles that `mle` fits.
+    pub shape: ParticleShape,
     /// Progress display.
     pub progress: Progress,
 }
@@ -116,6 +133,7 @@ impl TrackOptions {
             seed: 0,
             force: false,
             ensemble: false,
+            shape: ParticleShape::Sphere,
             progress,
         }
     }
@@ -152,6 +170,24 @@ struct Localization {
     y_px: f64,
     /// `None` for methods that measure in the image plane only.
     z_um: Option<f64>,
+    /// `None` for methods that measure positions only.
+    shape: Option<ShapeEstimate>,
+}
+
+/// The shape of a spheroid, with what is uncertain about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct ShapeEstimate {
+    /// Unit vector up to its sign (x right, y down, z away from the lens).
+    axis: DVec3,
+    /// Standard deviations of x, y (px) and z (um).
+    deviations: [f64; 3],
+    /// Largest and smallest standard deviation of the axis, rad, and the direction of the largest one.
+    axis_deviations: [f64; 2],
+    uncertain: DVec3,
+    /// Another axis that fits, and its likelihood relative to the first.
+    other: Option<(DVec3, f64)>,
+    /// Aspect ratio and its standard deviation, if it is fitted.
+    aspect: Option<(f64, f64)>,
 }
 
 /// The method of this name.
@@ -165,6 +201,23 @@ pub fn method(name: &str) -> Result<&'static Method> {
     })
 }
 
+impl ParticleShape {
+    /// The allowed aspect ratios.
+    pub const ASPECTS: std::ops::RangeInclusive<f64> = 0.1..=10.0;
+
+    /// Refuses spheroids for methods other than `mle`, and aspect ratios out of range.
+    fn check(self, method: &str) -> Result<()> {
+        let ParticleShape::Spheroid { aspect } = self else { return Ok(()) };
+        if method != "mle" {
+            return Err(Error::input(format!("shape spheroid: expected with method mle, not {method}")));
+        }
+        match aspect.filter(|aspect| !Self::ASPECTS.contains(aspect)) {
+            Some(aspect) => Err(Error::input(format!("aspect ratio {aspect}: expected 0.1 to 10"))),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Tracks a dataset by one of the [`METHODS`] and writes the result.
 ///
 /// # Errors
@@ -172,6 +225,7 @@ pub fn method(name: &str) -> Result<&'static Method> {
 pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Tracked> {
     let start = Instant::now();
     let method = method(&options.method)?;
+    options.shape.check(method.name)?;
     may_write(out, options.force)?;
     let job = Job::new(dataset, options)?;
     let table = (method.run)(&job)?.columns();
@@ -198,6 +252,7 @@ pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Track
 /// An unknown method, a dataset without what the method needs.
 pub fn result(dataset: &Path, options: &TrackOptions) -> Result<(Columns, Vec<String>)> {
     let method = method(&options.method)?;
+    options.shape.check(method.name)?;
     let job = Job::new(dataset, options)?;
     let table = (method.run)(&job)?.columns();
     Ok((table, job.into_messages().0))

@@ -14,6 +14,7 @@ use super::joint_fit::{Model, fit_all};
 use super::output::Output;
 use super::regions;
 use super::search::Search;
+use super::sides;
 use super::templates::Templates;
 use storage::error::Result;
 
@@ -35,8 +36,8 @@ pub(super) struct Locator<I> {
     places: Option<FieldPlaces>,
     /// Side of a binned pixel, px.
     bin: usize,
-    /// Variance of the noise per count of light.
-    gain: f32,
+    /// Noise of a frame.
+    noise: PixelNoise,
     step_um: f64,
 }
 
@@ -82,13 +83,18 @@ impl<I: ParticleImages> Locator<I> {
                 .collect(),
             places,
             bin,
-            gain: noise.gain,
+            noise,
             step_um: all().map(Templates::step_um).fold(f64::INFINITY, f64::min),
         }
     }
 
     /// Localizes and links the particles of a recording.
     pub(super) fn particles(&self, job: &Job) -> Result<Output> {
+        let (of_middle, noise) = (&self.coarse[self.coarse.len() / 2], self.noise.binned(self.bin));
+        of_middle
+            .iter()
+            .filter_map(|of_size| sides::warning(of_size, noise, self.error))
+            .for_each(|text| job.warn(text));
         let rejections = Mutex::new(Rejections::default());
         let output = job.particles(|image| {
             let (found, rejected) = self.find(image);
@@ -104,7 +110,7 @@ impl<I: ParticleImages> Locator<I> {
     /// Localizes the particles of an image and counts the rejected candidates.
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
         let (level, deviation) = image.background();
-        let noise = PixelNoise::new(deviation.powi(2), self.gain);
+        let noise = PixelNoise::new(deviation.powi(2), self.noise.gain);
         let mut coarse = image.binned(self.bin);
         coarse.counts.iter_mut().for_each(|c| *c -= level);
         let weight = weights(&coarse, noise.binned(self.bin));
@@ -124,7 +130,12 @@ impl<I: ParticleImages> Locator<I> {
         let inside = found
             .iter()
             .filter(|fit| fit.at.iter().zip(size).all(|(c, n)| (-0.5..n - 0.5).contains(c)))
-            .map(|fit| Localization { x_px: fit.at[0] + 1.0, y_px: fit.at[1] + 1.0, z_um: Some(fit.z_um) });
+            .map(|fit| Localization {
+                x_px: fit.at[0] + 1.0,
+                y_px: fit.at[1] + 1.0,
+                z_um: Some(fit.z_um),
+                shape: None,
+            });
         (inside.collect(), rejections)
     }
 }

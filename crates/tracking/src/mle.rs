@@ -7,22 +7,24 @@
 //! stacks provide the counts per ray and the camera noise.
 
 use dataset::manifest::Manifest;
-use microsig_core::emission::SpheroidLaw;
+use glam::DVec3;
 use microsig_core::optics::FieldOptics;
 use microsig_core::render::{Gradient, RenderMethod, Renderer, RendererSpec, Window};
-use microsig_core::{Particle, Settings};
+use microsig_core::{Particle, Settings, Spheroid};
 use rayon::prelude::*;
 
-use super::Method;
 use super::calibration::{self, Origin};
+use super::denoise::PixelNoise;
 use super::field_images::FieldPlaces;
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
 use super::locate::Locator;
 use super::recorded_noise::RecordedNoise;
+use super::spheroids::{self, Pose};
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
+use super::{Method, ParticleShape};
 use storage::error::{Error, Result};
 use storage::table_cache::context;
 
@@ -45,7 +47,10 @@ const LEAST_CORRELATION: (f64, f64) = (0.6, 0.97);
 pub(super) const METHOD: Method = Method {
     name: "mle",
     about: "Position and depth by maximum likelihood with the optical model, linked",
-    run: |job| locator(job)?.particles(job),
+    run: |job| match job.options.shape {
+        ParticleShape::Sphere => locator(job)?.particles(job),
+        ParticleShape::Spheroid { aspect } => spheroids::particles(job, aspect),
+    },
 };
 
 /// Particle images from the optical model.
@@ -74,14 +79,120 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let sensor = Manifest::read(job.dataset)?.microsig.sensor;
     let sensor = sensor.map(|sensor| [sensor.width_px, sensor.height_px]);
     let (mut search, mut images) = (Vec::<Vec<Templates>>::new(), Vec::new());
-    for (stack, origin) in stacks.into_iter().zip(calibration::origins(job.dataset)?) {
-        let (templates, model) = of_size(job, stack, &origin, sensor)?;
+    let origins = calibration::origins(job.dataset)?;
+    let sizes = stacks.into_iter().zip(&origins).map(|(stack, origin)| of_size(job, stack, origin, sensor));
+    let (sizes, left_out) = calibration::usable_sizes(sizes)?;
+    left_out.into_iter().for_each(|warning| job.warn(warning));
+    for (templates, model) in sizes {
         search.resize_with(templates.len(), Vec::new);
         search.iter_mut().zip(templates).for_each(|(of_place, templates)| of_place.push(templates));
         images.push(model);
     }
     let places = FieldPlaces::new(sensor.map_or_else(Vec::new, places));
     Ok(Locator::over_field(search, places, images, MODEL_ERROR, noise))
+}
+
+/// Images of spheroids, and the noise of a frame.
+pub(super) struct OfSpheroids {
+    pub(super) images: ShapeImages,
+    pub(super) noise: PixelNoise,
+}
+
+/// Images of spheroids whose polar diameter is up to `longest` times that of the calibration particle.
+pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
+    let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
+    let noise = brightest(&stacks).noise;
+    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
+    let mut origins = calibration::origins(job.dataset)?;
+    if stacks.len() > 1 {
+        job.warn("spheroids are taken to have the largest of the calibrated diameters");
+    }
+    let (Some(stack), Some(origin)) = (stacks.into_iter().next_back(), origins.pop()) else {
+        return Err(Error::input("mle --shape spheroid: expected a calibration stack".to_owned()));
+    };
+    if origin.over_field.field.is_some_and(|field| field != FieldOptics::default()) {
+        return Err(Error::input(
+            "mle --shape spheroid: optics that vary over the field are not supported".to_owned(),
+        ));
+    }
+    let (side, depths_um) = (stack.images[0].width, stack.depths_um.clone());
+    let (templates, sphere) = of_size(job, stack, &origin, None)?;
+    let more =
+        0.5 * origin.d_um * (longest - 1.0) * origin.settings.magnification / origin.settings.pixel_size;
+    let more = more.ceil() as usize;
+    let model = ModelImages { unit: sphere.unit, ..ModelImages::new(&origin, &depths_um, side + 2 * more)? };
+    let radii = depths_um.iter().map(|z_um| templates[0].radius_px(*z_um, 0.0) + more).collect();
+    let images = ShapeImages { model: ModelImages { radii, ..model }, is_fast: origin.waves.is_some() };
+    Ok(OfSpheroids { images, noise })
+}
+
+/// Images of spheroids with the equatorial diameter of a calibration particle.
+pub(super) struct ShapeImages {
+    model: ModelImages,
+    is_fast: bool,
+}
+
+impl ShapeImages {
+    pub(super) fn depths_um(&self) -> [f64; 2] {
+        self.model.depths_um()
+    }
+
+    /// Half width of an image at a depth, and the largest one, px.
+    pub(super) fn radius_at(&self, z_um: f64) -> usize {
+        self.model.radius_px(z_um, 2.0)
+    }
+
+    pub(super) fn radius(&self) -> usize {
+        self.model.radii.iter().copied().max().unwrap_or(0)
+    }
+
+    /// Whether derivatives take no longer than an image.
+    pub(super) fn has_fast_derivatives(&self) -> bool {
+        self.is_fast
+    }
+
+    /// The particle on the sensor of the model, and the window of this square on it.
+    fn place(&self, pose: &Pose, middle: [isize; 2], radius: usize) -> (Particle, Window) {
+        let model = &self.model;
+        let [x, y] = [0, 1].map(|axis| model.middle as f64 + pose.at[axis] - middle[axis] as f64);
+        let z_um = (pose.z_um - model.zero_um) / model.depth_factor;
+        let spheroid = Some(Spheroid::from_axis(pose.e_p, pose.axis.to_array()));
+        let particle = Particle { spheroid, ..Particle::sphere(x, y, z_um, model.d_um) };
+        let (first, side) = (model.middle - radius as i64, 2 * radius + 1);
+        (particle, Window { x0: first, y0: first, width: side, height: side })
+    }
+
+    /// The image at brightness 1 on the square of this half width around a pixel, row by row, counts.
+    pub(super) fn light(&self, pose: &Pose, middle: [isize; 2], radius: usize) -> Vec<f64> {
+        let (particle, window) = self.place(pose, middle, radius);
+        let mut light = vec![0.0; window.area()];
+        let Some(patch) = self.model.renderer.mean_patch(&particle) else { return light };
+        for (i, counts) in patch.counts.iter().enumerate() {
+            let x = patch.window.x0 + (i % patch.window.width) as i64 - window.x0;
+            let y = patch.window.y0 + (i / patch.window.width) as i64 - window.y0;
+            if (0..window.width as i64).contains(&x) && (0..window.height as i64).contains(&y) {
+                light[y as usize * window.width + x as usize] = self.model.unit * counts;
+            }
+        }
+        light
+    }
+
+    /// The same with derivatives, and the directions of turns (see `ShapeGradient`).
+    pub(super) fn gradient(
+        &self,
+        pose: &Pose,
+        middle: [isize; 2],
+        radius: usize,
+    ) -> Option<(Vec<[f64; 7]>, [DVec3; 2])> {
+        let (particle, window) = self.place(pose, middle, radius);
+        let mut gradient = self.model.renderer.shape_gradient(&particle, Some(window))?;
+        let unit = self.model.unit;
+        for pixel in &mut gradient.pixels {
+            pixel.iter_mut().for_each(|value| *value *= unit);
+            pixel[3] /= self.model.depth_factor;
+        }
+        Some((gradient.pixels, gradient.turns))
+    }
 }
 
 /// Places of the field of view for which templates are made, px from 0.
@@ -145,7 +256,7 @@ fn over_field([width, height]: [u32; 2], origin: &Origin) -> Result<Option<Rende
 fn renderer(Origin { waves, over_field, .. }: &Origin, tolerance: f64) -> RendererSpec {
     let method = match waves.clone() {
         Some(optics) => RenderMethod::Waves { optics, tolerance },
-        None => RenderMethod::Expected { spheroids: SpheroidLaw::Original, tolerance },
+        None => RenderMethod::Expected { spheroids: over_field.spheroids, tolerance },
     };
     RendererSpec::from(method).through(over_field.blur_um, over_field.field.unwrap_or_default())
 }

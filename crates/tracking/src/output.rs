@@ -2,6 +2,8 @@
 
 use dataset::{Columns, Values};
 
+use super::ShapeEstimate;
+
 /// A particle of a result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Row {
@@ -11,6 +13,7 @@ pub(super) struct Row {
     pub(super) x_px: f64,
     pub(super) y_px: f64,
     pub(super) z_um: Option<f64>,
+    pub(super) shape: Option<ShapeEstimate>,
 }
 
 /// A displacement vector of a result.
@@ -61,6 +64,7 @@ impl Output {
                 if points.is_empty() || points.iter().any(|p| p.z_um.is_some()) {
                     columns.push(numbers("z_um", of(|p| p.z_um.unwrap_or(f64::NAN))));
                 }
+                columns.extend(shapes(points));
                 return Columns(columns);
             }
             Output::Fields(fields) => {
@@ -87,4 +91,37 @@ impl Output {
 /// not measured.
 fn decimal(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::from(value))
+}
+
+/// The columns of shapes, if there are any; NaN where a particle has none.
+fn shapes(points: &[Row]) -> Vec<(String, Values)> {
+    if points.iter().all(|point| point.shape.is_none()) {
+        return Vec::new();
+    }
+    let of = |name: &str, value: &dyn Fn(&ShapeEstimate) -> Option<f64>| {
+        let values = points.iter().map(|point| point.shape.as_ref().and_then(value).unwrap_or(f64::NAN));
+        (name.to_owned(), Values::Numbers(values.collect()))
+    };
+    let mut columns = vec![
+        of("sx_px", &|s| Some(s.deviations[0])),
+        of("sy_px", &|s| Some(s.deviations[1])),
+        of("sz_um", &|s| Some(s.deviations[2])),
+        of("axis_x", &|s| Some(s.axis.x)),
+        of("axis_y", &|s| Some(s.axis.y)),
+        of("axis_z", &|s| Some(s.axis.z)),
+        of("axis_sd_deg", &|s| Some(s.axis_deviations[0].to_degrees())),
+        of("axis_least_sd_deg", &|s| Some(s.axis_deviations[1].to_degrees())),
+        of("axis_sd_x", &|s| Some(s.uncertain.x)),
+        of("axis_sd_y", &|s| Some(s.uncertain.y)),
+        of("axis_sd_z", &|s| Some(s.uncertain.z)),
+        of("other_axis_x", &|s| s.other.map(|other| other.0.x)),
+        of("other_axis_y", &|s| s.other.map(|other| other.0.y)),
+        of("other_axis_z", &|s| s.other.map(|other| other.0.z)),
+        of("other_likelihood", &|s| s.other.map(|other| other.1)),
+    ];
+    if points.iter().any(|point| point.shape.is_some_and(|shape| shape.aspect.is_some())) {
+        columns.push(of("aspect_ratio", &|s| s.aspect.map(|aspect| aspect.0)));
+        columns.push(of("aspect_ratio_sd", &|s| s.aspect.map(|aspect| aspect.1)));
+    }
+    columns
 }

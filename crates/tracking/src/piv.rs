@@ -17,15 +17,49 @@ use super::deform::{Degree, deformed};
 use super::gray_image::{GrayImage, three_points};
 use super::job::Job;
 use super::output::{DisplacementVector, Output};
+use super::spots::LogDetector;
 use storage::error::Result;
 
 pub(super) const METHOD: Method = Method {
     name: "piv",
     about: "Displacement field by cross-correlation of interrogation windows",
     run: |job| {
+        warn_of_few_particles(job)?;
         if job.options.ensemble { ensemble(job) } else { job.fields(displacements) }
     },
 };
+
+/// Particle images per window, over all pairs whose correlations are averaged, below which too many correlation peaks
+/// are wrong (Keane & Adrian 1992, Appl. Sci. Res. 49, 191: five common to both windows give 95 % valid vectors).
+const LEAST_PARTICLES: f64 = 5.0;
+
+/// Warns if the middle image has too few particle images for the windows of the last pass.
+fn warn_of_few_particles(job: &Job) -> Result<()> {
+    let pairs = job.recording.image_pairs();
+    let Some(&(_, first)) = pairs.get(pairs.len() / 2) else { return Ok(()) };
+    let image = job.recording.frame(first)?;
+    let pairs = if job.options.ensemble { pairs.len() } else { 1 };
+    if let Some((window, _)) = passes((image.width, image.height)).last() {
+        let found = LogDetector::new(job.options.diameter_px).find(&image).len();
+        let pixels = (image.width * image.height) as f64 * job.recording.image_share();
+        few_particles((found * window * window) as f64 / pixels, window, pairs)
+            .into_iter()
+            .for_each(|text| job.warn(text));
+    }
+    Ok(())
+}
+
+/// A warning if windows have this few particle images, where correlations of so many pairs are averaged.
+fn few_particles(per_window: f64, window: usize, pairs: usize) -> Option<String> {
+    (per_window * (pairs as f64) < LEAST_PARTICLES).then(|| {
+        let all = if pairs > 1 { format!(", {:.1} in all {pairs} pairs", per_window * pairs as f64) } else { String::new() };
+        format!(
+            "windows of {window} px contain {per_window:.1} particle images on average{all}; correlation needs about \
+             {LEAST_PARTICLES:.0}, so many vectors are wrong. More particles or, in a steady flow, --ensemble with more pairs \
+             would help"
+        )
+    })
+}
 
 /// Window size of each pass, px. The last size is repeated, since its first pass starts from a coarser
 /// predictor.

@@ -68,6 +68,11 @@ impl Recording {
         self.facts.max_displacement_px
     }
 
+    /// How far the fastest particle moves within an exposure, px.
+    pub(super) fn max_streak_px(&self) -> Option<f64> {
+        self.facts.max_streak_px
+    }
+
     /// The fraction of the sensor that contains particles.
     pub(super) fn image_share(&self) -> f64 {
         self.facts.image_share.unwrap_or(1.0)

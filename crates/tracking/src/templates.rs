@@ -68,6 +68,11 @@ impl Templates {
         &self.all[index]
     }
 
+    /// The whole image of a template.
+    pub(super) fn image(&self, index: usize) -> &GrayImage {
+        &self.all[index].image
+    }
+
     /// Depth of a template, um.
     pub(super) fn depth_um(&self, index: usize) -> f64 {
         self.depths_um[index]

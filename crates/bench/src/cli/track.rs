@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
+use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::output::{progress, report, warn};
 use storage::error::{Error, Result};
 use storage::outside_datasets;
-use tracking::{METHODS, TrackOptions, track};
+use tracking::{METHODS, ParticleShape, TrackOptions, track};
 
 /// Run a baseline tracker
 #[derive(Debug, Args)]
@@ -32,12 +32,25 @@ pub(super) struct Track {
     /// One field for all pairs of a steady flow, from the average of their correlations (piv)
     #[arg(long)]
     ensemble: bool,
+    /// Shape of the particles: of spheroids, mle also measures the axis
+    #[arg(long, value_enum, default_value_t = ShapeChoice::Sphere)]
+    shape: ShapeChoice,
+    /// Polar over equatorial diameter of spheroids (mle) [default: fitted]
+    #[arg(long, value_name = "RATIO")]
+    aspect_ratio: Option<f64>,
     /// Standard deviation of the noise in x and y (truth-noise)
     #[arg(long, value_name = "PX", default_value_t = TrackOptions::NOISE_PX)]
     noise_xy: f64,
     /// Standard deviation of the noise in z (truth-noise)
     #[arg(long, value_name = "UM", default_value_t = TrackOptions::NOISE_UM)]
     noise_z: f64,
+}
+
+/// The shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ShapeChoice {
+    Sphere,
+    Spheroid,
 }
 
 /// The methods with their help.
@@ -60,6 +73,9 @@ impl Track {
         if self.ensemble && self.method != "piv" {
             wrong.push(format!("--ensemble: expected with --method piv, not {}", self.method));
         }
+        if self.aspect_ratio.is_some() && self.shape != ShapeChoice::Spheroid {
+            wrong.push("--aspect-ratio: expected with --shape spheroid".to_owned());
+        }
         if !wrong.is_empty() {
             return Err(Error::Input(wrong));
         }
@@ -75,6 +91,10 @@ impl Track {
                 noise_px: self.noise_xy,
                 noise_um: self.noise_z,
                 ensemble: self.ensemble,
+                shape: match self.shape {
+                    ShapeChoice::Sphere => ParticleShape::Sphere,
+                    ShapeChoice::Spheroid => ParticleShape::Spheroid { aspect: self.aspect_ratio },
+                },
                 seed: common.seed.unwrap_or(0),
                 force: common.force,
                 progress: progress(common),

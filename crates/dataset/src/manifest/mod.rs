@@ -14,6 +14,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
+use microsig_core::emission::SpheroidLaw;
 use microsig_core::optics::FieldOptics;
 use microsig_core::render::WaveOptics;
 use microsig_core::render::waves::{Cylinder, Emission, Layers, Lens, PupilFunction};
@@ -230,6 +231,14 @@ impl TimingFacts {
         self.0.get("dt_s")?.as_f64()
     }
 
+    /// Time from the beginning to the end of an exposure, s: 0 if it is instantaneous.
+    pub fn open_s(&self) -> f64 {
+        let of = |map: &Map<String, Value>, key: &str| map.get(key).and_then(Value::as_f64).unwrap_or(0.0);
+        let flashes = self.0.get("flashes").and_then(Value::as_object);
+        of(&self.0, "exposure_s")
+            + flashes.map_or(0.0, |flashes| (of(flashes, "count") - 1.0).max(0.0) * of(flashes, "spacing_s"))
+    }
+
     /// Whether frames 2k and 2k + 1 form a pair.
     pub fn are_pairs(&self) -> bool {
         self.mode() == "pairs"
@@ -353,6 +362,13 @@ pub struct OpticsFacts {
     /// How the optics vary over the field of view as in the scenario; left out if they do not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub field: Option<FieldOptics>,
+    /// Which points of spheroids emit; left out if they are those of MicroSIG's program, or if there are none.
+    #[serde(default, skip_serializing_if = "is_original")]
+    pub spheroids: SpheroidLaw,
+}
+
+fn is_original(law: &SpheroidLaw) -> bool {
+    *law == SpheroidLaw::Original
 }
 
 /// The image of a single particle.

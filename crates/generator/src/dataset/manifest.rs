@@ -192,10 +192,12 @@ pub fn wave_facts(scenario: &Scenario, drawn_share: Option<[f64; 2]>) -> Option<
     })
 }
 
-/// Blur, and how the optics vary over the field of view; `None` without both.
+/// Blur, how the optics vary over the field of view, and what emits; `None` without any of it.
 pub fn optics(scenario: &Scenario) -> Option<OpticsFacts> {
     let (blur_um, field) = (scenario.spec.optics.blur_um.unwrap_or_default(), scenario.spec.optics.field);
-    (blur_um > 0.0 || field.is_some()).then_some(OpticsFacts { blur_um, field })
+    let law = scenario.renderer.spheroid_law().filter(|_| scenario.layout.spheroids);
+    let facts = OpticsFacts { blur_um, field, spheroids: law.unwrap_or_default() };
+    (facts != OpticsFacts::default()).then_some(facts)
 }
 
 /// Times of the frames: the keys of the scenario and, in all modes, the number of frames.

@@ -4,6 +4,7 @@ use std::fmt::Debug;
 
 use super::gradient::Gradient;
 use super::patch::{ExpectedPatch, Window};
+use super::shape::ShapeGradient;
 use super::tables::TablesState;
 use crate::emission::SpheroidLaw;
 use crate::error::Error;
@@ -121,6 +122,14 @@ pub trait Render: Debug + Send + Sync {
     /// illuminates, or, of a sphere, on those of a window, which may extend beyond the sensor. `None` if
     /// there are no such pixels, and from renderers that do not compute derivatives.
     fn gradient(&self, particle: &Particle, window: Option<Window>) -> Option<Gradient> {
+        let _ = (particle, window);
+        None
+    }
+
+    /// The noise-free image of one spheroid at brightness 1 with its derivatives with respect to position, axis and
+    /// aspect ratio: on the pixels that it illuminates or on those of a window, which may extend
+    /// beyond the sensor. `None` if there are no such pixels, for spheres, and from renderers that do not compute it.
+    fn shape_gradient(&self, particle: &Particle, window: Option<Window>) -> Option<ShapeGradient> {
         let _ = (particle, window);
         None
     }

@@ -9,6 +9,7 @@ use std::fmt::Debug;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::depth_table::{DepthTable, PlaneLayout};
@@ -19,6 +20,7 @@ use super::interface::{Description, ImageStreams, Render, Tables, Traits};
 use super::patch::{ExpectedPatch, Window};
 use super::rays::RayRenderer;
 use super::refinement::TableSpan;
+use super::shape::{self, ShapeEmitter, ShapeGradient, SpheroidLight, VALUES};
 use super::store::Context;
 use super::tables::{Key, SharedTables, TableRanges, TablesState};
 use crate::cancel::checkpoint;
@@ -89,6 +91,12 @@ pub trait ImageModel: Debug + Send + Sync {
 
     /// Appends spheres, of any brightness, whose tables are those of the sources of a particle.
     fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>);
+
+    /// What emits the light of a spheroid, if its image is a sum of those of points.
+    fn spheroid_light(&self, spheroid: &Particle) -> Option<SpheroidLight> {
+        let _ = spheroid;
+        None
+    }
 
     /// Puts the sources of an image in the order in which they are added.
     fn arrange(&self, sources: &mut [Source]) {
@@ -448,6 +456,89 @@ impl<M: ImageModel> Render for TabledRenderer<M> {
             [value, by_x, by_y, scale * by_z]
         };
         (window.area() > 0).then(|| Gradient::new(window, &at, light, pixel))
+    }
+
+    fn shape_gradient(&self, particle: &Particle, window: Option<Window>) -> Option<ShapeGradient> {
+        let particle = Particle { c_int: 1.0, ..*particle };
+        let window = window.unwrap_or_else(|| self.patch_window(&particle));
+        if window.area() == 0 {
+            return None;
+        }
+        if let Some(light) = self.model.spheroid_light(&particle) {
+            return self.shape_from_tables(&particle, &light, window);
+        }
+        let draw = |at: &Particle| match self.sources(at)[..] {
+            [Source { at, light, is_direct: true }] => {
+                let image = self.model.direct(&at, window);
+                image.into_iter().map(|counts| light as f32 * counts).collect()
+            }
+            _ => Vec::new(),
+        };
+        shape::by_differences(window, &particle, draw)
+    }
+}
+
+impl<M: ImageModel> TabledRenderer<M> {
+    /// The sum of the images of a spheroid's emitters, with their derivatives.
+    fn shape_from_tables(
+        &self,
+        particle: &Particle,
+        of: &SpheroidLight,
+        window: Window,
+    ) -> Option<ShapeGradient> {
+        let spheroid = particle.spheroid?;
+        let (emitters, turns) = shape::emitters(particle.d_um, &spheroid, of);
+        let mut sources = Vec::with_capacity(emitters.len());
+        for emitter in &emitters {
+            let at = of.magnification * emitter.offset_um.truncate();
+            let z_um = particle.z_um + emitter.offset_um.z;
+            let point = Particle::sphere(particle.x_px + at.x, particle.y_px + at.y, z_um, 0.0);
+            self.model.sources(&point, 1.0, &mut sources);
+        }
+        let mut pixels = vec![[0.0; VALUES]; window.area()];
+        for ((emitter, source), table) in emitters.iter().zip(&sources).zip(self.tables_of(&sources)) {
+            checkpoint();
+            self.add_emitter((particle, of), (emitter, source, &table), window, &mut pixels);
+        }
+        let by_aspect = shape::light_by_aspect(spheroid.e_p);
+        pixels.iter_mut().for_each(|pixel| pixel[6] += by_aspect * pixel[0]);
+        Some(ShapeGradient { window, pixels, turns })
+    }
+
+    /// Adds the image of an emitter of a spheroid at `particle`, with its derivatives.
+    fn add_emitter(
+        &self,
+        (particle, of): (&Particle, &SpheroidLight),
+        (emitter, source, table): (&ShapeEmitter, &Source, &DepthTable<M::Layout>),
+        window: Window,
+        pixels: &mut [[f64; VALUES]],
+    ) {
+        let at = &source.at;
+        let plane = table.plane_at(at.z_um, 0.0, [at.x_px, at.y_px]);
+        let scale = self.model.depth_scale(particle);
+        let moved = emitter.offset_by.map(|by| (of.magnification * by.truncate()).extend(by.z));
+        let (own, by_share) = (of.light * emitter.share, emitter.share_by.map(|by| of.light * by));
+        let reach = table.reach(at.z_um);
+        let along = |center: f64, reach: f64, first: i64, n: usize| {
+            let low = (libm::ceil(center - reach) as i64 - first).clamp(0, n as i64);
+            let high = (libm::floor(center + reach) as i64 - first + 1).clamp(low, n as i64);
+            low as usize..high as usize
+        };
+        for j in along(at.y_px, reach[1], window.y0, window.height) {
+            let dy = (window.y0 + j as i64) as f64 - at.y_px;
+            for i in along(at.x_px, reach[0], window.x0, window.width) {
+                let dx = (window.x0 + i as i64) as f64 - at.x_px;
+                let [value, by_x, by_y, by_z] = table.layout.at(&plane, dx, dy);
+                // Moving the emitter to the right is equivalent to moving the pixel to the left.
+                let slope = DVec3::new(-by_x, -by_y, scale * by_z);
+                let pixel = &mut pixels[j * window.width + i];
+                pixel[0] += own * value;
+                (0..3).for_each(|axis| pixel[1 + axis] += own * slope[axis]);
+                for (p, moved) in moved.iter().enumerate() {
+                    pixel[4 + p] += own * slope.dot(*moved) + by_share[p] * value;
+                }
+            }
+        }
     }
 }
 

@@ -9,17 +9,17 @@ use crate::quadrature::gauss_legendre_on;
 
 /// Emitters at one depth and one distance from the axis.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ring {
+pub(in crate::render) struct Ring {
     /// Depth relative to the particle's center, um, growing away from the lens.
-    pub(super) depth_um: f64,
-    pub(super) radius_um: f64,
+    pub(in crate::render) depth_um: f64,
+    pub(in crate::render) radius_um: f64,
     /// Fraction of the particle's light.
-    pub(super) weight: f64,
+    pub(in crate::render) weight: f64,
 }
 
 /// Rings of a sphere. `etendue`: k NA d/2; `more`: number of depths in addition to those needed for an error
 /// of 1e-3 of the peak. Rings of the same depth are consecutive.
-pub(super) fn rings(emission: Emission, radius_um: f64, etendue: f64, more: usize) -> Vec<Ring> {
+pub(in crate::render) fn rings(emission: Emission, radius_um: f64, etendue: f64, more: usize) -> Vec<Ring> {
     if radius_um == 0.0 {
         return vec![Ring { depth_um: 0.0, radius_um: 0.0, weight: 1.0 }];
     }

@@ -13,7 +13,7 @@
 //! (JOSA 66, 207); Soummer et al. 2007 (Opt. Express 15, 15935).
 
 mod band;
-mod bead;
+pub(super) mod bead;
 mod bessel;
 mod build;
 mod cylinder;
@@ -36,10 +36,13 @@ mod sources;
 mod spheroid;
 mod zernike;
 
+use glam::{DMat2, DVec2};
+
 use super::instructions::InstructionSet;
 use super::interface::{Description, Render, Traits};
 use super::rays::RayRenderer;
 use super::refinement::TableSpan;
+use super::shape::SpheroidLight;
 use super::tabled::{self, ImageModel, Source, TabledRenderer};
 use super::tables::TableRanges;
 use crate::emission::{SpheroidLaw, emitted_rays};
@@ -414,6 +417,18 @@ impl ImageModel for Waves {
             None => out.push(self.in_table(*particle)),
             Some(spheroid) => out.extend(self.depths(particle, &spheroid)),
         }
+    }
+
+    fn spheroid_light(&self, spheroid: &Particle) -> Option<SpheroidLight> {
+        let e_p = spheroid.spheroid?.e_p;
+        // The image is inverted.
+        let column = |of: [f64; 2]| DVec2::from_array(self.in_image_px(of));
+        (!self.model.pupil.has_coma()).then(|| SpheroidLight {
+            light: emitted_rays(&self.settings, spheroid),
+            emission: self.model.emission,
+            rim_phase: self.model.k_sine() * 0.5 * spheroid.d_um * e_p.max(1.0),
+            magnification: DMat2::from_cols(column([-1.0, 0.0]), column([0.0, -1.0])),
+        })
     }
 
     /// Neighbors use the same planes of the same tables, which then stay in the processor's cache.

@@ -62,17 +62,23 @@ impl Waves {
         light: f64,
     ) -> impl Iterator<Item = Source> + use<'a> {
         let model = &self.model;
-        let [along, across] = model.pupil.magnifications().map(|m| m / self.settings.pixel_size);
-        let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
         let source = move |Emitter { at: [e1, e2, e3], weight }| {
-            // Along the axes of the cylindrical lens and back.
-            let (x, y) = (along * (e2 * cosine + e3 * sine), across * (e3 * cosine - e2 * sine));
-            let (x_px, y_px) = (particle.x_px + x * cosine - y * sine, particle.y_px + x * sine + y * cosine);
-            let at = Particle::sphere(x_px, y_px, particle.z_um + e1, 0.0);
+            let [x, y] = self.in_image_px([e2, e3]);
+            let at = Particle::sphere(particle.x_px + x, particle.y_px + y, particle.z_um + e1, 0.0);
             Source { at, light: light * weight, is_direct: false }
         };
         let emitters = spheroid::emitters(0.5 * particle.d_um, spheroid, model.emission, model.k_sine());
         emitters.into_iter().map(source)
+    }
+
+    /// Where the image of a point at this offset across the axis from the center of a particle (um, internal axes e2 and
+    /// e3) is from that of the center, px.
+    pub(super) fn in_image_px(&self, [e2, e3]: [f64; 2]) -> [f64; 2] {
+        let [along, across] = self.model.pupil.magnifications().map(|m| m / self.settings.pixel_size);
+        let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
+        // Along the axes of the cylindrical lens and back.
+        let (x, y) = (along * (e2 * cosine + e3 * sine), across * (e3 * cosine - e2 * sine));
+        [x * cosine - y * sine, x * sine + y * cosine]
     }
 
     /// Points at the depths of the tables that a spheroid needs.

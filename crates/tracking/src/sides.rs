@@ -1,0 +1,101 @@
+//! Whether the noise of a frame lets images above the focus be told from those below it.
+//!
+//! With a spherical lens, images at two depths on either side of the focus resemble each other. For images `a` and `b`
+//! of known brightness and Gaussian noise, the more likely one is the wrong one with probability `Phi(-d / 2)`, where
+//! `d^2` is the sum of squared differences in standard deviations of the noise (the ideal observer of two known
+//! signals, e.g. Barrett & Myers 2004, Foundations of Image Science, ch. 13).
+
+use super::denoise::PixelNoise;
+use super::templates::Templates;
+
+/// Below this distance, more than one depth in ten is that of the other side.
+const TOLD_APART: f64 = 2.56;
+
+/// Images of the other side are separated from a depth by images that differ by more than this, and by this factor
+/// more.
+const BARRIER: f64 = 4.0;
+const HIGHER: f64 = 2.0;
+
+/// The share of depths about which a warning is due.
+const MANY: f64 = 0.1;
+
+/// A warning if many depths have images that, in frames with this noise and for templates with this relative error,
+/// cannot be told from those of a depth on the other side of the focus.
+pub(super) fn warning(templates: &Templates, noise: PixelNoise, error: f32) -> Option<String> {
+    let of_depths = templates.len();
+    let guessed: Vec<f64> = (0..of_depths)
+        .filter(|&k| other_side(&distances(templates, k, noise, error), k))
+        .map(|k| templates.depth_um(k))
+        .collect();
+    let share = guessed.len() as f64 / of_depths as f64;
+    let ends = guessed.first().zip(guessed.last())?;
+    (share > MANY).then(|| {
+        format!(
+            "at {:.0} % of the depths (between {:.1} and {:.1} um), images above and below the focus differ by less than the \
+             noise: the side of the focus, and so the sign of the depth, is a guess there. A cylindrical lens, more light or \
+             a depth range on one side of the focus would help",
+            100.0 * share,
+            ends.0,
+            ends.1
+        )
+    })
+}
+
+/// Distances of all images from that at depth `k`, in standard deviations of the noise; brightness is free, as it is
+/// in a fit.
+fn distances(templates: &Templates, k: usize, noise: PixelNoise, error: f32) -> Vec<f64> {
+    let image = templates.image(k);
+    let weight = |count: &f32| 1.0 / f64::from(noise.variance(count.max(0.0)) + (error * count).powi(2));
+    let weights: Vec<f64> = image.counts.iter().map(weight).collect();
+    let product = |a: &[f32], b: &[f32]| -> f64 {
+        a.iter().zip(b).zip(&weights).map(|((a, b), w)| f64::from(a * b) * w).sum()
+    };
+    let own = product(&image.counts, &image.counts);
+    let distance = |j: usize| {
+        let other = &templates.image(j).counts;
+        let both = product(&image.counts, other);
+        (own - both * both.max(0.0) / product(other, other).max(f64::MIN_POSITIVE)).max(0.0).sqrt()
+    };
+    (0..templates.len()).map(distance).collect()
+}
+
+/// Whether a depth beyond a barrier has an image that is not told from that at depth `k`.
+fn other_side(distances: &[f64], k: usize) -> bool {
+    let beyond = |side: &[f64], order: fn(usize, usize) -> usize| {
+        let mut highest = 0.0f64;
+        (0..side.len()).map(|i| side[order(i, side.len())]).any(|d| {
+            highest = highest.max(d);
+            d < TOLD_APART && highest > BARRIER && highest > HIGHER * d
+        })
+    };
+    beyond(&distances[k..], |i, _| i) || beyond(&distances[..k], |i, n| n - 1 - i)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::gray_image::GrayImage;
+    use super::*;
+
+    /// Spots that grow on both sides of a focus, on one side faster by `faster`.
+    fn templates(faster: f32) -> Templates {
+        let image = |k: i32| {
+            let width = 1.5 + 0.3 * k.abs() as f32 * if k > 0 { 1.0 + faster } else { 1.0 };
+            GrayImage::from_fn((41, 41), |x, y| {
+                let r2 = [x, y].map(|c| (c as f32 - 20.0).powi(2)).iter().sum::<f32>();
+                2000.0 / (width * width) * (-0.5 * r2 / (width * width)).exp()
+            })
+        };
+        let depths = (-10..=10).map(f64::from).collect();
+        Templates::new(depths, (-10..=10).map(image).collect(), PixelNoise::new(4.0, 0.0))
+    }
+
+    #[test]
+    fn images_that_are_the_same_on_both_sides_are_warned_of() {
+        let noise = PixelNoise::new(4.0, 0.0);
+        let text = warning(&templates(0.0), noise, 0.01).unwrap();
+        assert!(text.contains("side of the focus"), "{text}");
+        assert_eq!(warning(&templates(0.5), noise, 0.01), None);
+        // The same images in more noise.
+        assert!(warning(&templates(0.1), PixelNoise::new(400.0, 0.0), 0.01).is_some());
+    }
+}
