@@ -184,8 +184,8 @@ struct ShapeEstimate {
     /// Largest and smallest standard deviation of the axis, rad, and the direction of the largest one.
     axis_deviations: [f64; 2],
     uncertain: DVec3,
-    /// Another axis that fits, and its likelihood relative to the first.
-    other: Option<(DVec3, f64)>,
+    /// Depth (um) and axis of another fit, and its likelihood relative to the first.
+    other: Option<(f64, DVec3, f64)>,
     /// Aspect ratio and its standard deviation, if it is fitted.
     aspect: Option<(f64, f64)>,
 }

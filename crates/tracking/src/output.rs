@@ -114,10 +114,11 @@ fn shapes(points: &[Row]) -> Vec<(String, Values)> {
         of("axis_sd_x", &|s| Some(s.uncertain.x)),
         of("axis_sd_y", &|s| Some(s.uncertain.y)),
         of("axis_sd_z", &|s| Some(s.uncertain.z)),
-        of("other_axis_x", &|s| s.other.map(|other| other.0.x)),
-        of("other_axis_y", &|s| s.other.map(|other| other.0.y)),
-        of("other_axis_z", &|s| s.other.map(|other| other.0.z)),
-        of("other_likelihood", &|s| s.other.map(|other| other.1)),
+        of("other_z_um", &|s| s.other.map(|other| other.0)),
+        of("other_axis_x", &|s| s.other.map(|other| other.1.x)),
+        of("other_axis_y", &|s| s.other.map(|other| other.1.y)),
+        of("other_axis_z", &|s| s.other.map(|other| other.1.z)),
+        of("other_likelihood", &|s| s.other.map(|other| other.2)),
     ];
     if points.iter().any(|point| point.shape.is_some_and(|shape| shape.aspect.is_some())) {
         columns.push(of("aspect_ratio", &|s| s.aspect.map(|aspect| aspect.0)));

@@ -39,6 +39,14 @@ const LONGEST: f64 = 3.0;
 /// Axes closer than this are the same start, or the same result, rad.
 const SAME_AXIS: f64 = 0.35;
 
+/// So are depths closer than this, um.
+const SAME_UM: f64 = 3.0;
+
+/// Averaged images at depths on both sides of the focus are alike from this correlation on, if it falls by this much
+/// between them.
+const ALIKE: f64 = 0.75;
+const FALL: f64 = 0.01;
+
 /// Relative error of averaged templates, and of images.
 const TEMPLATE_ERROR: f32 = 0.3;
 const MODEL_ERROR: f64 = 0.01;
@@ -81,15 +89,16 @@ struct Found {
     /// Variances of turns of the axis toward two directions, and their covariance, rad^2.
     turns: [DVec3; 2],
     covariance: [f64; 3],
-    other: Option<(DVec3, f64)>,
+    other: Option<(f64, DVec3, f64)>,
 }
 
 /// Tracks spheroids; `aspect`: polar over equatorial diameter, fitted if it is not given.
 pub(super) fn particles(job: &Job, aspect: Option<f64>) -> Result<Output> {
     let OfSpheroids { images, noise } = mle::shape_images(job, aspect.unwrap_or(LONGEST).max(1.0))?;
     let templates = averaged(&images, aspect, noise);
+    let opposite = Opposite::new(&templates);
     let locator = Locator::new(vec![(templates.clone(), templates)], TEMPLATE_ERROR, noise);
-    job.particles(|frame| frame_of(frame, &images, aspect, noise.gain, &locator.find(frame).0))
+    job.particles(|frame| frame_of(frame, (&images, &opposite), aspect, noise.gain, &locator.find(frame).0))
 }
 
 /// Directions that cover half the sphere evenly.
@@ -131,10 +140,43 @@ fn averaged(images: &ShapeImages, aspect: Option<f64>, noise: PixelNoise) -> Tem
     Templates::new(depths, stack, noise)
 }
 
+/// For each depth, that on the other side of the focus with the most similar averaged image.
+struct Opposite {
+    depths_um: Vec<f64>,
+    other_um: Vec<Option<f64>>,
+}
+
+impl Opposite {
+    fn new(templates: &Templates) -> Self {
+        let n = templates.len();
+        let product = |j: usize, k: usize| -> f64 {
+            let pixels = templates.image(j).counts.iter().zip(&templates.image(k).counts);
+            pixels.map(|(a, b)| f64::from(a * b)).sum()
+        };
+        let own: Vec<f64> = (0..n).map(|k| product(k, k)).collect();
+        let other = |k: usize| {
+            let alike: Vec<f64> = (0..n).map(|j| product(j, k) / (own[j] * own[k]).sqrt()).collect();
+            let lowest = |j: usize| alike[j.min(k)..=j.max(k)].iter().copied().fold(1.0, f64::min);
+            let others = (0..n).filter(|&j| alike[j] > ALIKE && lowest(j) < alike[j] - FALL);
+            others.max_by(|&a, &b| alike[a].total_cmp(&alike[b])).map(|j| templates.depth_um(j))
+        };
+        Opposite {
+            depths_um: (0..n).map(|k| templates.depth_um(k)).collect(),
+            other_um: (0..n).map(other).collect(),
+        }
+    }
+
+    fn of(&self, z_um: f64) -> Option<f64> {
+        let away = |k: &usize| (self.depths_um[*k] - z_um).abs();
+        let nearest = (0..self.depths_um.len()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
+        self.other_um[nearest]
+    }
+}
+
 /// The spheroids of a frame near those of the search.
 fn frame_of(
     frame: &GrayImage,
-    images: &ShapeImages,
+    (images, opposite): (&ShapeImages, &Opposite),
     aspect: Option<f64>,
     gain: f32,
     coarse: &[Localization],
@@ -143,7 +185,7 @@ fn frame_of(
     let noise = PixelNoise::new(deviation.powi(2), gain);
     let mut residual: Vec<f64> = frame.counts.iter().map(|c| f64::from(c - level)).collect();
     let size = [frame.width as isize, frame.height as isize];
-    let fit = Fit { images, aspect, noise, size };
+    let fit = Fit { images, opposite, aspect, noise, size };
     let mut found: Vec<Found> = Vec::new();
     for place in coarse {
         let at = [place.x_px - 1.0, place.y_px - 1.0];
@@ -204,6 +246,7 @@ impl Found {
 /// What all fits in a frame have in common.
 struct Fit<'a> {
     images: &'a ShapeImages,
+    opposite: &'a Opposite,
     aspect: Option<f64>,
     noise: PixelNoise,
     size: [isize; 2],
@@ -328,10 +371,22 @@ impl Fit<'_> {
             fitted.extend(self.refined(&region, &mirror));
             fitted.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         }
+        let first = fitted[0].pose;
+        if let Some(z_um) = self.opposite.of(first.z_um) {
+            for start in [first, mirrored(&first)] {
+                fitted.extend(self.refined(&region, &Pose { z_um, ..start }));
+            }
+            fitted.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
+        }
         let first = &fitted[0];
-        let other = fitted[1..].iter().find(|state| angle(state.pose.axis, first.pose.axis) > SAME_AXIS);
-        let other = other.map(|other| (other.pose.axis, (0.5 * (first.chi2 - other.chi2)).exp()));
-        let other = other.filter(|(_, likelihood)| *likelihood > LEAST_LIKELIHOOD);
+        let is_other = |state: &&State| {
+            angle(state.pose.axis, first.pose.axis) > SAME_AXIS
+                || (state.pose.z_um - first.pose.z_um).abs() > SAME_UM
+        };
+        let other = fitted[1..].iter().find(is_other);
+        let other =
+            other.map(|other| (other.pose.z_um, other.pose.axis, (0.5 * (first.chi2 - other.chi2)).exp()));
+        let other = other.filter(|(_, _, likelihood)| *likelihood > LEAST_LIKELIHOOD);
         let found = self.near(residual, &first.pose)?;
         Some(Found { other, ..self.finished(residual, found)? })
     }

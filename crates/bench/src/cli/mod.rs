@@ -20,6 +20,7 @@ mod release;
 mod render;
 mod schema;
 mod shard;
+mod spheroid_maps;
 mod suite;
 mod sweep;
 mod sweep_scores;

@@ -294,6 +294,11 @@ fn bounds(out: &mut String, of: &Crlb) {
         median(|b| b.efficiency_z)
     );
     line(out, "bound", &text);
+    if of.crlb_axis_deg.is_some() {
+        let text =
+            format!("axes {} deg  efficiency {}", number(of.crlb_axis_deg), number(of.efficiency_axis));
+        line(out, "", &text);
+    }
 }
 
 /// A line on claimed uncertainties, if there are any.

@@ -13,9 +13,9 @@
 //! of v on theta are neglected.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::{RenderMethod, Renderer, RendererSpec};
+use microsig_core::render::{RenderMethod, Renderer, RendererSpec, ShapeGradient};
 use microsig_core::sensor::Response;
-use microsig_core::{Particle, Settings};
+use microsig_core::{Particle, Settings, Spheroid};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -43,7 +43,22 @@ pub struct Crlb {
     pub d_um: f64,
     /// One entry per bin of the curve over z.
     pub bins: Vec<BoundBin>,
+    /// Cramer-Rao bound of the axes of spheroids: the root mean square angle of an isolated one, median over a sample of
+    /// the true ones.
+    #[schemars(range(min = 0.0), extend("x-unit" = "deg"))]
+    pub crlb_axis_deg: Option<f64>,
+    /// crlb_axis_deg / (1.2011 orientation.median_deg): for normal errors, the root mean square of an angle is 1.2011 times
+    /// its median.
+    #[schemars(range(min = 0.0))]
+    pub efficiency_axis: Option<f64>,
 }
+
+/// Root mean square over the median of an angle with independent normal errors of the same size along two directions:
+/// sqrt(2 / (2 ln 2)).
+const RMS_OF_MEDIAN: f64 = 1.2011;
+
+/// Number of spheroids whose bounds are computed.
+const SAMPLE: usize = 16;
 
 /// The bound at the center of a depth bin, and the efficiency of the result there.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -97,7 +112,11 @@ pub fn of_scenario(
         let all =
             curve.map_or_else(|| vec![whole(detection, scenario.depth_range_um)], |curve| curve.bins.clone());
         let bound = bound.map_or([None; 3], |[x, y]| [Some(x), Some(y), None]);
-        return Ok(Ok(Crlb { d_um, bins: all.iter().map(|bin| bin_of(bin, bound)).collect() }));
+        return Ok(Ok(Crlb {
+            d_um,
+            bins: all.iter().map(|bin| bin_of(bin, bound)).collect(),
+            ..Crlb::default()
+        }));
     }
     let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
     let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
@@ -107,7 +126,134 @@ pub fn of_scenario(
         let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
         Ok(bin_of(bin, bound))
     });
-    Ok(Ok(Crlb { d_um, bins: bins.collect::<Result<_>>()? }))
+    Ok(Ok(Crlb { d_um, bins: bins.collect::<Result<_>>()?, ..Crlb::default() }))
+}
+
+impl Crlb {
+    /// With the bound of axes: of true spheroids (depth in um, axis), of which a sample is taken, and the median angle of
+    /// those that are found.
+    ///
+    /// # Errors
+    /// Settings or spheroids that cannot be rendered.
+    pub fn with_axes(
+        self,
+        scenario: &Scenario,
+        spheroids: &[(f64, [f64; 3])],
+        median_deg: Option<f64>,
+    ) -> Result<Self> {
+        let Some(shape) = scenario.spec.particles.spheroids else { return Ok(self) };
+        let bounds = SpheroidBounds::new(scenario, self.d_um)?;
+        let sample: Vec<_> = spheroids.iter().step_by(spheroids.len().div_ceil(SAMPLE).max(1)).collect();
+        let of = |(z_um, axis): &&(f64, [f64; 3])| bounds.at(*z_um, Spheroid::from_axis(shape.e_p, *axis));
+        let found = sample.par_iter().map(of).collect::<Result<Vec<_>>>()?;
+        let mut angles: Vec<f64> = found.into_iter().flatten().map(|bound| bound.axis_deg).collect();
+        angles.sort_unstable_by(f64::total_cmp);
+        let crlb_axis_deg = quantile(&angles, 0.5);
+        let found = median_deg.filter(|median| *median > 0.0);
+        let efficiency_axis =
+            crlb_axis_deg.zip(found).map(|(bound, median)| bound / (RMS_OF_MEDIAN * median));
+        Ok(Crlb { crlb_axis_deg, efficiency_axis, ..self })
+    }
+}
+
+/// Bounds of isolated spheroids in the images of a scenario.
+#[derive(Debug)]
+pub struct SpheroidBounds {
+    renderer: Renderer,
+    noise: Noise,
+    depth_factor: f64,
+    d_um: f64,
+}
+
+/// What an image can tell about a spheroid of known size and shape: least standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpheroidBound {
+    /// x, px.
+    pub x_px: f64,
+    /// y, px.
+    pub y_px: f64,
+    /// z, um.
+    pub z_um: f64,
+    /// Root mean square angle of the axis, degrees.
+    pub axis_deg: f64,
+    /// Relative standard deviation of the aspect ratio, if it is estimated, too.
+    pub aspect: f64,
+    /// Highest peak of the image over the noise of the background.
+    pub snr: f64,
+    /// By how many standard deviations the image differs from that of the axis mirrored toward the lens, with the
+    /// brightness and (to first order) position and depth that make both most alike.
+    pub mirror_sd: f64,
+}
+
+impl SpheroidBounds {
+    /// For spheroids of this equatorial diameter (um).
+    ///
+    /// # Errors
+    /// Settings that cannot be rendered.
+    pub fn new(scenario: &Scenario, d_um: f64) -> Result<Self> {
+        let spec = scenario.spec.renderer().without_ray_noise(TOLERANCE);
+        let renderer = spec.build(&large(&scenario.settings), &context())?;
+        let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+        Ok(SpheroidBounds { renderer, noise: Noise::of(scenario, 1.0)?, depth_factor, d_um })
+    }
+
+    /// The bound at a depth (um); `None` if the image does not determine the spheroid.
+    ///
+    /// # Errors
+    /// A spheroid that cannot be rendered.
+    pub fn at(&self, z_um: f64, spheroid: Spheroid) -> Result<Option<SpheroidBound>> {
+        let middle = f64::from(SIZE / 2 + 1);
+        let of = |spheroid| {
+            let sphere = Particle::sphere(middle, middle, z_um / self.depth_factor, self.d_um);
+            Particle { spheroid: Some(spheroid), ..sphere }
+        };
+        let particle = of(spheroid);
+        self.renderer.check(&particle)?;
+        let Some(image) = self.renderer.shape_gradient(&particle, None) else { return Ok(None) };
+        let (mut known, mut fitted) = ([[0.0; 6]; 6], [[0.0; 7]; 7]);
+        let mut peak = 0.0f64;
+        for pixel in &image.pixels {
+            let variance = self.noise.background + self.noise.of_light * pixel[0].max(0.0);
+            let slopes = pixel.map(|v| self.noise.slope * v);
+            peak = peak.max(slopes[0]);
+            let [light, x, y, z, first, second, aspect] = slopes;
+            add(&mut known, &[light, x, y, z, first, second], variance);
+            add(&mut fitted, &[light, x, y, z, first, second, aspect], variance);
+        }
+        let Some(bound) = bounds(&known) else { return Ok(None) };
+        let [x, y, z] = spheroid.axis();
+        let mirrored = of(Spheroid::from_axis(spheroid.e_p, [x, y, -z]));
+        Ok(Some(SpheroidBound {
+            x_px: bound[1],
+            y_px: bound[2],
+            z_um: bound[3] * self.depth_factor,
+            axis_deg: bound[4].hypot(bound[5]).to_degrees(),
+            aspect: bounds(&fitted).map_or(f64::INFINITY, |bound| bound[6]),
+            snr: peak / self.noise.background.sqrt(),
+            mirror_sd: self.difference(&image, &mirrored),
+        }))
+    }
+
+    /// Standard deviations between an image and that of another particle, without what changes of the first one's
+    /// brightness, position and depth explain.
+    fn difference(&self, image: &ShapeGradient, other: &Particle) -> f64 {
+        let Some(patch) = self.renderer.mean_patch(other) else { return f64::INFINITY };
+        let at = |i: usize| {
+            let x = image.window.x0 + (i % image.window.width) as i64 - patch.window.x0;
+            let y = image.window.y0 + (i / image.window.width) as i64 - patch.window.y0;
+            let inside =
+                (0..patch.window.width as i64).contains(&x) && (0..patch.window.height as i64).contains(&y);
+            if inside { patch.counts[y as usize * patch.window.width + x as usize] } else { 0.0 }
+        };
+        // The last parameter is the share of the other image: its bound is that share's standard deviation.
+        let mut information = [[0.0; 5]; 5];
+        for (i, pixel) in image.pixels.iter().enumerate() {
+            let variance = self.noise.background + self.noise.of_light * pixel[0].max(0.0);
+            let [light, x, y, z, ..] = *pixel;
+            add(&mut information, &[light, x, y, z, at(i) - light].map(|v| self.noise.slope * v), variance);
+        }
+        bounds(&information).map_or(0.0, |bound| 1.0 / bound[4])
+    }
 }
 
 /// The bound [x px, y px, z um] of a bin, and the efficiency of the result there.

@@ -140,7 +140,11 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
     if let Some(scenario) = truth.scenario.as_ref().filter(|_| options.crlb) {
         let sizes = truth.particles.as_ref().map_or(&[][..], |particles| &particles.sizes);
         match crlb::of_scenario(scenario, sizes, score.detection.as_ref(), &score.curves)? {
-            Ok(bound) => score.crlb = Some(bound),
+            Ok(bound) => {
+                let spheroids = truth.particles.as_ref().map_or_else(Vec::new, TrueParticles::spheroids);
+                let median_deg = score.orientation.as_ref().and_then(|orientation| orientation.median_deg);
+                score.crlb = Some(bound.with_axes(scenario, &spheroids, median_deg)?);
+            }
             Err(why) => score.warnings.push(format!("no Cramer-Rao bound: {why}")),
         }
     }

@@ -53,6 +53,13 @@ const PROPERTIES: [&str; 2] = ["snr", "overlap"];
 const LARGEST_PROPERTY: f64 = 1e12;
 
 impl TrueParticles {
+    /// Depth (um) and axis of the visible spheroids.
+    pub(super) fn spheroids(&self) -> Vec<(f64, [f64; 3])> {
+        let rows = self.rows.iter().zip(&self.axes).zip(&self.visible);
+        let seen = rows.filter(|((_, axis), visible)| **visible && axis[0].is_finite());
+        seen.map(|((row, axis), _)| (row.at.z_um, *axis)).collect()
+    }
+
     /// Reads the truth of a dataset, or a bare table of particles.
     ///
     /// # Errors
