@@ -110,6 +110,10 @@ impl Scene<'_> {
         stream: &mut Stream,
     ) -> Pose {
         let (radius, friction) = (0.5 * d_um, &self.friction);
+        if let Some(walls) = self.slowing_walls(d_um) {
+            pose.position = walls.diffuse(brownian.diffusion(d_um), pose.position, t, h, stream);
+            return pose;
+        }
         if !friction.is_sphere() {
             pose.axis = brownian.random_rotation(pose.axis, d_um, friction, 0.5 * h, stream);
         }

@@ -164,7 +164,8 @@ impl<'a> Scene<'a> {
     /// After entering, its path stays in the domain, so the maximum speed in the domain bounds the distance.
     fn reach(&self, t0: f64, t1: f64) -> f64 {
         let sizes = self.seeding.diameters();
-        let carried = Drifting::new(self.field, self.size_for_forces(sizes.max()), DVec3::ZERO);
+        let carried = Drifting::new(self.field, self.size_for_forces(sizes.max()), DVec3::ZERO)
+            .near(self.slowing_walls(sizes.max()));
         let settled = self.settling.map_or(0.0, |s| s.max_speed(sizes.max(), &self.friction));
         let speed = carried.max_speed(self.domain.region(), t0, t1) + settled;
         let noise = self.brownian.map_or(0.0, |brownian| {
