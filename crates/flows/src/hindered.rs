@@ -28,16 +28,21 @@ const MIN_GAP: f64 = 1e-6;
 
 /// Resistance to motion along a wall at a gap in radii, relative to that far from it: >= 1.
 pub fn resistance_along(gap: f64) -> f64 {
-    const POLYNOMIAL: [f64; 6] = [1.293421, -0.340547, 0.292757, -0.236444, 0.12774, -0.023022];
-    let (a, log) = near(gap);
-    0.5 * log - 0.10883 / (0.4 * log + 0.3709) + 0.086605 * (1.0 - a) * log + polynomial(&POLYNOMIAL, a)
+    resistances(gap).0
 }
 
 /// Resistance to motion toward a wall or away from it at a gap in radii, relative to that far from it: >= 1.
 pub fn resistance_across(gap: f64) -> f64 {
-    const POLYNOMIAL: [f64; 7] = [1.0, -0.075, 0.165625, -0.141801, -0.046259, 0.159998, -0.089362];
+    resistances(gap).1
+}
+
+/// Resistances along and across a wall.
+pub(crate) fn resistances(gap: f64) -> (f64, f64) {
+    const ALONG: [f64; 6] = [1.293421, -0.340547, 0.292757, -0.236444, 0.12774, -0.023022];
+    const ACROSS: [f64; 7] = [1.0, -0.075, 0.165625, -0.141801, -0.046259, 0.159998, -0.089362];
     let (a, log) = near(gap);
-    1.0 / gap.max(MIN_GAP) + 0.2 * log + polynomial(&POLYNOMIAL, a)
+    let singular = 0.5 * log - 0.10883 / (0.4 * log + 0.3709) + 0.086605 * (1.0 - a) * log;
+    (singular + polynomial(&ALONG, a), 1.0 / gap.max(MIN_GAP) + 0.2 * log + polynomial(&ACROSS, a))
 }
 
 /// Velocity of a sphere in a shear flow along a wall at a gap in radii, relative to that of the undisturbed

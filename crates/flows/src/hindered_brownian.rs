@@ -47,7 +47,7 @@ type Ends = ([Option<(Place, f64)>; 2], f64);
 impl NearWalls<'_> {
     /// Position (um) after Brownian motion over a time `h` (s, > 0) at `t` (s) of a sphere that diffuses with
     /// `diffusion` (um^2/s) far from walls, from `x` (um).
-    pub(crate) fn diffuse(&self, diffusion: f64, mut x: DVec3, t: f64, h: f64, stream: &mut Stream) -> DVec3 {
+    pub(crate) fn diffuse(&self, diffusion: f64, x: DVec3, t: f64, h: f64, stream: &mut Stream) -> DVec3 {
         if self.resistance(x, t).is_none() {
             let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
             return x + xi * libm::sqrt(2.0 * diffusion * h);
@@ -55,15 +55,12 @@ impl NearWalls<'_> {
         let unit = self.radius() * self.radius() / diffusion;
         let steps = libm::ceil(h / (STEP * unit)).clamp(1.0, MAX_STEPS);
         let variance = 2.0 * diffusion * h / steps;
-        for _ in 0..steps as u32 {
-            x = self.step(x, variance, t, stream);
-        }
-        x
+        let start = self.place(x, t);
+        (0..steps as u32).fold(start, |place, _| self.step(place, variance, t, stream)).x
     }
 
     /// One step of variance `variance` (um^2).
-    fn step(&self, x: DVec3, variance: f64, t: f64, stream: &mut Stream) -> DVec3 {
-        let from = self.place(x, t);
+    fn step(&self, from: Place, variance: f64, t: f64, stream: &mut Stream) -> Place {
         let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
         let (side, chance) = (stream.uniform(), stream.uniform());
         let d = spread(&from.resistance, xi) * libm::sqrt(variance);
@@ -71,12 +68,12 @@ impl NearWalls<'_> {
         let [plus, minus] = ends.map(|end| end.map_or(0.0, |(_, weight)| weight));
         debug_assert!(plus >= 0.0 && minus >= 0.0, "{plus} {minus}");
         let chosen = if side * sum < plus { ends[0] } else { ends[1] };
-        let Some((to, weight)) = chosen.filter(|(_, weight)| *weight > 0.0) else { return x };
-        let on = to.x - x;
+        let Some((to, weight)) = chosen.filter(|(_, weight)| *weight > 0.0) else { return from };
+        let on = to.x - from.x;
         // Of the two ends seen from the new place, the one behind is the old place.
         let ahead = self.admitted(to.x + on, t).map_or(0.0, |next| self.weight(&next, &to, d, variance));
         let accepted = chance * (ahead + 1.0 / weight) < sum;
-        if accepted { to.x } else { x }
+        if accepted { to } else { from }
     }
 
     fn ends(&self, from: &Place, d: DVec3, variance: f64, t: f64) -> Ends {
@@ -158,12 +155,13 @@ mod tests {
         let walls = NearWalls::new(FluidRegion::new(&field, &domain, &[]), RADIUS);
         let end = |row: u32| {
             let mut stream = Streams::new(5).stream(Purpose::Brownian, 0, row);
-            let mut x = DVec3::Z * (RADIUS + 0.5 * (f64::from(row) + 0.5) / f64::from(number));
+            let start = DVec3::Z * (RADIUS + 0.5 * (f64::from(row) + 0.5) / f64::from(number));
+            let mut place = walls.place(start, 0.0);
             for _ in 0..steps {
-                x = walls.step(x, 2.0 * DIFFUSION * h, 0.0, &mut stream);
-                assert!(x.z >= RADIUS && x.z <= 1.0 - RADIUS, "{x}");
+                place = walls.step(place, 2.0 * DIFFUSION * h, 0.0, &mut stream);
+                assert!((RADIUS..=1.0 - RADIUS).contains(&place.x.z), "{}", place.x);
             }
-            (x.z - RADIUS) / 0.5
+            (place.x.z - RADIUS) / 0.5
         };
         (0..number).into_par_iter().map(end).collect()
     }
@@ -204,10 +202,8 @@ mod tests {
         let end = |row: u32| {
             let mut stream = Streams::new(6).stream(Purpose::Brownian, 0, row);
             let r = 0.35 * libm::sqrt((f64::from(row) + 0.5) / 4000.0);
-            let mut x = DVec3::new(0.0, r * 0.6, r * 0.8);
-            for _ in 0..40 {
-                x = walls.step(x, 2.0 * DIFFUSION * STEP * UNIT_S, 0.0, &mut stream);
-            }
+            let start = DVec3::new(0.0, r * 0.6, r * 0.8);
+            let x = walls.diffuse(DIFFUSION, start, 0.0, 100.0 * STEP * UNIT_S, &mut stream);
             x.with_x(0.0).length_squared() / (0.35 * 0.35)
         };
         let ends: Vec<f64> = (0..4000).into_par_iter().map(end).collect();
@@ -225,8 +221,9 @@ mod tests {
         let variance = 2.0 * DIFFUSION * time * UNIT_S / f64::from(steps);
         let displacement = |row: u32| {
             let mut stream = Streams::new(7).stream(Purpose::Brownian, 0, row);
-            let end = (0..steps).fold(start, |x, _| walls.step(x, variance, 0.0, &mut stream));
-            (end - start) / RADIUS
+            let first = walls.place(start, 0.0);
+            let end = (0..steps).fold(first, |place, _| walls.step(place, variance, 0.0, &mut stream));
+            (end.x - start) / RADIUS
         };
         let all: Vec<DVec3> = (0..number).into_par_iter().map(displacement).collect();
         let mean = |f: &dyn Fn(&DVec3) -> f64| {

@@ -19,7 +19,7 @@
 
 use crate::field::VelocityField;
 use crate::fluid::FluidRegion;
-use crate::hindered::{resistance_across, resistance_along, slip_in_shear};
+use crate::hindered::{resistances, slip_in_shear};
 use crate::wall::Wall;
 use glam::{DMat3, DVec3};
 
@@ -51,8 +51,8 @@ impl<'a> NearWalls<'a> {
     pub(crate) fn resistance(&self, x: DVec3, t: f64) -> Option<DMat3> {
         let (mut sum, mut any) = (DMat3::IDENTITY, false);
         for wall in self.walls(x, t) {
-            let gap = self.gap(&wall);
-            let (along, across) = (resistance_along(gap) - 1.0, resistance_across(gap) - 1.0);
+            let (along, across) = resistances(self.gap(&wall));
+            let (along, across) = (along - 1.0, across - 1.0);
             let n = wall.normal;
             let outer = DMat3::from_cols(n * n.x, n * n.y, n * n.z);
             sum += DMat3::IDENTITY * along + outer * (across - along);
@@ -101,6 +101,7 @@ mod tests {
     use crate::body::Body;
     use crate::domain::{Boundary, Domain};
     use crate::fields::{Linear, Poiseuille, Tube, TubeParams};
+    use crate::hindered::{resistance_across, resistance_along};
     use crate::region::Region;
     use glam::DVec2;
 

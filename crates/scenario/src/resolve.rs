@@ -236,6 +236,10 @@ fn sections(
         }
     };
 
+    if spec.walls_slow() && spec.particles.spheroids.is_some() {
+        problems
+            .other("motion.flow.walls", "expected free: the laws of hindered motion are those of spheres");
+    }
     let steady = is_steady(&spec.motion, field.as_ref().and_then(Option::as_deref));
     let size_px = settings.as_ref().map_or((1, 1), |s| (s.pixel_dim_x, s.pixel_dim_y));
     spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, problems);
