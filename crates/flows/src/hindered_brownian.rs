@@ -249,7 +249,6 @@ mod tests {
             let slope = (mobility(gap * 1.001) - mobility(gap * 0.999)) / (0.002 * gap);
             let known = [slope * time, 1.0 / resistance_along(gap), mobility(gap)];
             for ((found, error), known) in [drift, along, across].into_iter().zip(known) {
-                println!("{gap}: {found:.5} +- {error:.5}, {known:.5}");
                 assert!((found - known).abs() < 2.0 * error, "{gap}: {found} +- {error}, {known}");
             }
         }
@@ -262,7 +261,6 @@ mod tests {
             let steps = (0.1 / STEP) as u32;
             let (few, many) = (moments(gap, 0.1, steps, 100_000), moments(gap, 0.1, 10 * steps, 100_000));
             for ((found, error), (fine, fine_error)) in few.into_iter().zip(many) {
-                println!("{gap}: {found:.5} +- {error:.5}, {fine:.5} +- {fine_error:.5}");
                 let allowed = 0.01 * fine + 3.0 * libm::hypot(error, fine_error);
                 assert!((found - fine).abs() < allowed, "{gap}: {found} {fine}");
             }

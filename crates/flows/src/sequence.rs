@@ -16,17 +16,20 @@
 //! also accumulate where a flow that is tangential at a wall, but not one radius away from it, presses them
 //! against a body or a free surface.
 //!
+//! With a finite exposure, Brownian motion during it is a part of that between frames, so that it changes the
+//! paths of diffusing tracers.
+//!
 //! Random streams: (`Seeding`, recording, 0) for the first cloud, (`Inflow`, later frame of the step, 0) for
 //! each step, and for each tracer, addressed by the low 32 bits of its id, (`Brownian`, later frame, id),
-//! (`Orientation`, 0, id) and (`Intensity`, 0, id). A shorter run of the same recording is therefore the
-//! beginning of a longer one, and the result does not depend on the number of threads.
+//! (`Exposure`, frame, id), (`Orientation`, 0, id) and (`Intensity`, 0, id). A shorter run of the same recording
+//! is therefore the beginning of a longer one, and the result does not depend on the number of threads.
 
 use crate::drift::Drifting;
 use crate::error::{Error, ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::frame::{Displacement, Frame, RecordingStart, Streak, Tracer};
 use crate::integrate::advance;
-use crate::path::Pose;
+use crate::path::{Approach, Pose};
 use crate::scene::Scene;
 use crate::seeding::Seed;
 use glam::DVec3;
@@ -42,6 +45,9 @@ const MAX_FIRST_ID: u64 = 1 << 53;
 /// Largest Brownian displacement considered for inflow, in standard deviations along one axis; the
 /// probability of exceeding it is 1e-15.
 const REACH_OF_NOISE: f64 = 8.0;
+
+/// A tracer at its new position, and the first half of its exposure.
+type Moved = (Tracer, Option<Approach>);
 
 /// Minimum number of tracers per parallel task.
 const TRACERS_PER_TASK: usize = 64;
@@ -83,24 +89,34 @@ impl<'a> Scene<'a> {
         })
     }
 
-    /// The tracers of `frame` that are still in the domain at `t1` (s), at their new positions, in two
-    /// groups: those that keep their ids, and those that become new tracers because they have crossed a
-    /// periodic face.
+    /// The tracers of `frame` that are still in the domain at `t1` (s), at their new positions, each with the
+    /// first half of its exposure if that is a part of its Brownian path, in two groups: those that keep their
+    /// ids, and those that become new tracers because they have crossed a periodic face.
     fn survivors(
         &self,
         before: &Frame,
         t1: f64,
         streams: Streams,
         frame: u32,
-    ) -> Result<(Vec<Tracer>, Vec<Tracer>)> {
+    ) -> Result<(Vec<Moved>, Vec<Moved>)> {
         let t0 = before.t_s;
-        let moved = filtered_in_parallel(&before.tracers, |tracer| {
+        let streaks = before.streaks.iter().map(Some).chain(std::iter::repeat(None));
+        let tracers: Vec<_> = before.tracers.iter().zip(streaks).collect();
+        let moved = filtered_in_parallel(&tracers, |(tracer, streak)| {
+            let tracer = *tracer;
             let drift = self.drift(tracer.into(), tracer.d_um, (t0, t1))?;
-            let Pose { position: end, axis } = match &self.brownian {
-                None => drift,
-                Some(brownian) => {
-                    let mut stream = streams.stream(Purpose::Brownian, frame, tracer.id as u32);
-                    self.brownian_path(brownian, tracer.into(), tracer.d_um, (t0, t1), &mut stream)?
+            let stream = || streams.stream(Purpose::Brownian, frame, tracer.id as u32);
+            let (Pose { position: end, axis }, approach) = match (&self.brownian, &self.shutter, streak) {
+                (None, ..) => (drift, None),
+                (Some(brownian), Some(shutter), Some(streak)) => {
+                    let seen = (tracer, *streak);
+                    let (end, approach) =
+                        self.brownian_path_between(brownian, seen, shutter, (t0, t1), &mut stream())?;
+                    (end, Some(approach))
+                }
+                (Some(brownian), ..) => {
+                    let from = tracer.into();
+                    (self.brownian_path(brownian, from, tracer.d_um, (t0, t1), &mut stream())?, None)
                 }
             };
             if self.domain.is_beyond_open_face(end) || self.fluid().drains(end) {
@@ -110,18 +126,10 @@ impl<'a> Scene<'a> {
             let step =
                 Displacement { actual: end - tracer.position, drift: drift.position - tracer.position };
             let new = position != end && !self.keeps_ids;
-            Ok(Some(Tracer { position, axis, step: (!new).then_some(step), ..*tracer }))
+            let approach = approach.map(|approach| approach.moved(position - end));
+            Ok(Some((Tracer { position, axis, step: (!new).then_some(step), ..*tracer }, approach)))
         })?;
-        // Usually all stay, and nothing is moved in memory.
-        let (mut stay, mut wrapped) = (moved, Vec::new());
-        stay.retain(|tracer| {
-            let stays = tracer.step.is_some();
-            if !stays {
-                wrapped.push(*tracer);
-            }
-            stays
-        });
-        Ok((stay, wrapped))
+        Ok(moved.into_iter().partition(|(tracer, _)| tracer.step.is_some()))
     }
 
     /// The particles that have entered through open faces between `t0` and `t1` (s), at their positions at
@@ -207,7 +215,7 @@ impl Sequence<'_> {
     fn make(&mut self, t_s: f64) -> Result<Frame> {
         // In range: checked by `Scene::record`.
         let index = self.first_frame + self.made as u32;
-        let (mut tracers, wrapped, newcomers) = match &self.latest {
+        let (survivors, wrapped, newcomers) = match &self.latest {
             None => {
                 let mut stream = self.streams.stream(Purpose::Seeding, self.recording, 0);
                 let (scene, fluid) = (&self.scene, self.scene.fluid());
@@ -218,25 +226,35 @@ impl Sequence<'_> {
                 (survivors, wrapped, self.scene.arrivals(before.t_s, t_s, self.streams, index)?)
             }
         };
+        let (mut tracers, mut approaches): (Vec<Tracer>, Vec<Option<Approach>>) =
+            survivors.into_iter().unzip();
         tracers.reserve(wrapped.len() + newcomers.len());
-        for tracer in wrapped {
+        for (tracer, approach) in wrapped {
             tracers.push(Tracer { id: self.next_id, ..tracer });
+            approaches.push(approach);
             self.next_id += 1;
         }
         for seed in newcomers {
             tracers.push(self.scene.tracer(seed, self.next_id, self.streams));
+            approaches.push(None);
             self.next_id += 1;
         }
         let streaks = if self.velocities || self.scene.shutter.is_some() {
-            self.expose(&mut tracers, index, t_s)?
+            self.expose(&mut tracers, &approaches, (index, t_s))?
         } else {
             Vec::new()
         };
         Ok(Frame { index, t_s, tracers, streaks })
     }
 
-    /// Sets the velocities of the tracers, and returns their streaks if the exposure is finite.
-    fn expose(&self, tracers: &mut [Tracer], index: u32, t_s: f64) -> Result<Vec<Streak>> {
+    /// Sets the velocities of the tracers, and returns their streaks if the exposure is finite; `approaches` are
+    /// their first halves.
+    fn expose(
+        &self,
+        tracers: &mut [Tracer],
+        approaches: &[Option<Approach>],
+        (index, t_s): (u32, f64),
+    ) -> Result<Vec<Streak>> {
         let scene = &self.scene;
         let Some(shutter) = &scene.shutter else {
             tracers.par_iter_mut().with_min_len(TRACERS_PER_TASK).for_each(|tracer| {
@@ -245,8 +263,9 @@ impl Sequence<'_> {
             });
             return Ok(Vec::new());
         };
-        let exposed = filtered_in_parallel(tracers, |tracer| {
-            scene.streak(tracer, shutter, (index, t_s), self.streams).map(Some)
+        let both: Vec<_> = tracers.iter().zip(approaches).collect();
+        let exposed = filtered_in_parallel(&both, |(tracer, approach)| {
+            scene.streak((tracer, approach.as_ref()), shutter, (index, t_s), self.streams).map(Some)
         })?;
         let streaks = tracers.iter_mut().zip(exposed).map(|(tracer, (streak, velocity))| {
             tracer.velocity = Some(velocity);

@@ -124,10 +124,10 @@ fn sediment_keeps_the_barometric_distribution() {
     let domain = domain([Periodic, Periodic, Wall]);
     // kT over weight, um.
     let height = 1.380_649e-23 * 298.15 / (1e4 * 9.806_65 * std::f64::consts::PI / 6.0 * 0.125e-18) * 1e6;
-    let most = 1.0 - (-(DEPTH_UM - 2.0 * RADIUS_UM) / height).exp();
+    let most = 1.0 - libm::exp(-(DEPTH_UM - 2.0 * RADIUS_UM) / height);
     let place = |i: u32| {
         let share = (f64::from(i) + 0.5) / 1500.0;
-        DVec3::Z * (RADIUS_UM - height * (1.0 - most * share).ln())
+        DVec3::Z * (RADIUS_UM - height * libm::log(1.0 - most * share))
     };
     let seeding =
         Seeding::list((0..1500).map(place).collect(), Diameters::equal(2.0 * RADIUS_UM).unwrap()).unwrap();
@@ -135,7 +135,7 @@ fn sediment_keeps_the_barometric_distribution() {
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_settling(heavy).keeping_ids();
     let scene = scene.with_brownian(water(20)).with_slowing_walls();
     let last = frames(&scene, 21, 0.02).pop().unwrap();
-    let known = |z: f64| (1.0 - (-(z - RADIUS_UM) / height).exp()) / most;
+    let known = |z: f64| (1.0 - libm::exp(-(z - RADIUS_UM) / height)) / most;
     // In 0.4 s a sphere diffuses as far as this height.
     let found = deviation(last.tracers.iter().map(|t| t.position.z).collect(), known);
     assert!(found < 1.95, "{found}");
