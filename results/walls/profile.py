@@ -3,8 +3,8 @@
     env/bin/pip install matplotlib
     env/bin/python profile.py MICROSIG
 
-Writes profile.csv and profile.svg, and prints the fits. Velocities are those of the truth (displacement over frame interval at the mean height
-of the two frames, with Brownian motion; `drift`: without), and of the tracker `mle` on the images of the first seeds.
+Writes profile.csv and profile.svg, and prints the fits. Velocities are those of the truth of ten times as many particles (displacement
+over frame interval at the mean height of the two frames, with Brownian motion; `drift`: without), and of the tracker `mle` on images.
 """
 
 import csv
@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 
 HERE = Path(__file__).parent
 SCENARIO = HERE.parent.parent / "scenarios/near_wall.ron"
-SEEDS, TRACKED = range(1000, 1030), 5
+DENSE, TRACKED = range(1000, 1006), range(2000, 2006)
 DT_S, UM_PER_PX, DEPTH_UM, SPEED_UM_S, RADIUS_UM = 0.005, 6.5 / 60, 20.0, 200.0, 0.25
 EDGES = np.array([0.25, 0.3, 0.35, 0.4, 0.5, 0.625, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0])
 
@@ -48,9 +48,9 @@ def from_truth(folder):
 
 def from_tracker(microsig, folder, place):
     """Height and velocity along x of the links that the tracker finds."""
-    out = place / "result"
-    subprocess.run([microsig, "track", folder, "--method", "mle", "--out", out, "--force"], check=True, stdout=subprocess.DEVNULL)
-    rows = table(next(out.glob("*.csv")) if out.is_dir() else out)
+    out = place / "result.csv"
+    subprocess.run([microsig, "track", folder, "--method", "mle", "--max-displacement", "8", "--out", out, "--quiet"], check=True)
+    rows = table(out)
     order = np.lexsort((rows["frame"], rows["track"]))
     track, frame, x, z = (rows[name][order] for name in ("track", "frame", "x_px", "z_um"))
     linked = (track[1:] == track[:-1]) & (frame[1:] == frame[:-1] + 1)
@@ -74,13 +74,16 @@ def binned(z, values):
 
 def main(microsig):
     truth, tracked = [], []
-    for i, seed in enumerate(SEEDS):
-        with tempfile.TemporaryDirectory() as place:
-            folder = Path(place) / "near_wall"
-            subprocess.run([microsig, "generate", SCENARIO, "--out", folder, "--set", f"seed={seed}", "--quiet"], check=True)
-            truth.append(from_truth(folder))
-            if i < TRACKED:
-                tracked.append(from_tracker(microsig, folder, Path(place)))
+    for seeds, settings in ((DENSE, ["particles.number.per_um3=0.05", "calibration=none"]), (TRACKED, [])):
+        for seed in seeds:
+            with tempfile.TemporaryDirectory() as place:
+                folder = Path(place) / "near_wall"
+                sets = [word for setting in [f"seed={seed}", *settings] for word in ("--set", setting)]
+                subprocess.run([microsig, "generate", SCENARIO, "--out", folder, "--quiet", *sets], check=True)
+                if settings:
+                    truth.append(from_truth(folder))
+                else:
+                    tracked.append(from_tracker(microsig, folder, Path(place)))
     z, u, drift, start, random = (np.concatenate(part) for part in zip(*truth))
     count = np.histogram(z, EDGES)[0]
     height, _ = binned(z, z)
@@ -97,16 +100,20 @@ def main(microsig):
         for name, heights, speeds in (("fluid", lattice, fluid(lattice)), ("truth, drift", z, drift), ("truth", z, u)):
             slope, slope_error, zero, zero_error = line(heights, speeds, highest)
             print(f"line to {highest} um, {name}: slope {slope:.2f} +- {slope_error:.2f} 1/s, zero at {1e3 * zero:.1f} +- {1e3 * zero_error:.1f} nm")
-    if tracked:
-        zt, ut = (np.concatenate(part) for part in zip(*tracked))
-        keep = (zt > EDGES[0]) & (zt < EDGES[-1])
-        tracked_mean, tracked_error = binned(zt[keep], ut[keep])
-        for z0, flow_0, value, se in zip(height, flow, tracked_mean, tracked_error):
-            print(f"tracker at {z0:.2f} um: {value:.2f} +- {se:.2f}, fluid {flow_0:.2f} um/s")
+    zt, ut = (np.concatenate(part) for part in zip(*tracked))
+    keep = (zt > EDGES[0]) & (zt < EDGES[-1])
+    zt, ut = zt[keep], ut[keep]
+    (tracked_height, _), (tracked_mean, tracked_error) = binned(zt, zt), binned(zt, ut)
+    for z0, value, se in zip(tracked_height, tracked_mean, tracked_error):
+        print(f"tracker at {z0:.2f} um: {value:.2f} +- {se:.2f}, fluid {fluid(z0):.2f} um/s")
+    for highest in (1.0, 3.0):
+        slope, slope_error, zero, zero_error = line(zt, ut, highest)
+        print(f"line to {highest} um, tracker: slope {slope:.2f} +- {slope_error:.2f} 1/s, zero at {1e3 * zero:.1f} +- {1e3 * zero_error:.1f} nm")
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     lattice = np.linspace(0, 3, 200)
     left.plot(lattice, fluid(lattice), "k", lw=1, label="fluid")
     left.errorbar(height, mean, error, fmt=".", label="particles")
+    left.errorbar(tracked_height, tracked_mean, tracked_error, fmt="x", label="tracker")
     left.set(xlabel="height above the glass, um", ylabel="velocity, um/s", xlim=(0, 3))
     left.legend(frameon=False)
     inset = left.inset_axes([0.62, 0.12, 0.35, 0.4])

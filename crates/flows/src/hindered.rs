@@ -3,23 +3,24 @@
 //! Resistances are friction coefficients relative to that far from walls, 6 pi mu a, of a sphere that rotates
 //! freely; mobility and diffusion are their inverses. The slip is the velocity along the wall of a sphere
 //! without force and torque, relative to the velocity of the undisturbed shear flow at its center. All depend
-//! on the gap between sphere and wall over the radius a, or on A = a/h, where h is the distance of the center.
+//! on the gap between sphere and wall over the radius a, or on A = a/h, where h is the distance of the
+//! center.
 //!
 //! Far from the wall they follow Faxen's series, 1 / (1 - 9/16 A + 1/8 A^3 - 45/256 A^4 - 1/16 A^5) along the
 //! wall, Lorentz's 1 + 9/8 A + ... across it, and 1 - 5/16 A^3 for the slip. Near the wall lubrication holds,
 //! with l = -ln gap: (l^2 + 3.188 l + 1.591) / (2 l + 1.908) along (Goldman, Cox and Brenner, Chem. Eng. Sci.
-//! 22 (1967) 637; some papers print 4.325 instead of 3.188), 1/gap + l/5 + 0.971 across (Cox and Brenner, ibid.
-//! 1753), and the slip tends to 0 as 0.743 / (0.638 + 0.2 l) (Goldman, Cox and Brenner, ibid. 653).
+//! 22 (1967) 637; some papers print 4.325 instead of 3.188), 1/gap + l/5 + 0.971 across (Cox and Brenner,
+//! ibid. 1753), and the slip tends to 0 as 0.743 / (0.638 + 0.2 l) (Goldman, Cox and Brenner, ibid. 653).
 //! Between them, exact solutions: Brenner's series across the wall (Chem. Eng. Sci. 16 (1961) 242, Eq. 2.19),
 //! and along it a numerical one (results/walls/exact.py), which agrees with the tables of Goldman, Cox and
-//! Brenner, from bipolar coordinates, in all of their digits that we compared.
+//! Brenner, computed in bipolar coordinates, to four digits.
 //!
 //! Here each is one formula for all gaps: the part that is singular at contact, with the constants of Chaoui
 //! and Feuillebois (Q. J. Mech. Appl. Math. 56 (2003) 381), plus a polynomial in A whose first three
 //! coefficients are those of the far field; the others are fitted to the exact solutions
 //! (results/walls/fit.py). They differ from these by at most 1e-5 (along and across) and 2e-5 (slip). The fit
-//! of Bevan and Prieve (J. Chem. Phys. 113 (2000) 1228) to Brenner's series is within 0.7 %, and Faxen's series
-//! within 1 % at gaps above half a radius.
+//! of Bevan and Prieve (J. Chem. Phys. 113 (2000) 1228) to Brenner's series is within 0.7 %, and Faxen's
+//! series within 1.3 % at gaps above half a radius.
 //!
 //! Gaps below 1e-6 count as 1e-6, where the roughness of real surfaces and forces between them matter more.
 
@@ -105,8 +106,8 @@ mod tests {
         }
     }
 
-    /// Distance of the center in radii; force of a translating, force of a rotating and torque of a rotating sphere,
-    /// and slip in shear, in the units of Goldman, Cox and Brenner (1967); results/walls/exact.csv.
+    /// Distance of the center in radii; force of a translating, force of a rotating and torque of a rotating
+    /// sphere, and slip in shear, in the units of Goldman, Cox and Brenner (1967); results/walls/exact.csv.
     const EXACT: [(f64, f64, f64, f64, f64); 7] = [
         (10.0677, 1.05906, -1.16992e-5, 1.000306, 0.9996959),
         (3.7622, 1.17381, -5.621325e-4, 1.005925, 0.9943563),
@@ -130,8 +131,8 @@ mod tests {
 
     #[test]
     fn goldman_cox_and_brenners_table_of_the_slip_is_reproduced() {
-        // U / (h S) against alpha = acosh(h/a). All but one agree to a unit of the fourth digit; at alpha = 0.3 the exact
-        // solution is 0.65367.
+        // U / (h S) against alpha = acosh(h/a). All but one agree to a unit of the fourth digit; at alpha =
+        // 0.3 the exact solution is 0.65367.
         let table = [
             (3.0, 0.99969),
             (2.0, 0.99436),
@@ -160,7 +161,7 @@ mod tests {
                     < 1e-5 + a * a * a * a
             );
         }
-        // Faxen's series errs by 1 % at half a radius, and stays finite at contact.
+        // Faxen's series errs by 1.2 % at half a radius, and stays finite at contact.
         assert!((resistance_along(0.5) * faxen(1.0 / 1.5) - 1.0).abs() < 0.015);
         for gap in [1e-6, 1e-5, 1e-4, 1e-3] {
             let l = -libm::log(gap);

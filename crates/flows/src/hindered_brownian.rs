@@ -2,18 +2,18 @@
 //! resistance relative to that far from walls, [`crate::near_walls`]).
 //!
 //! A step of variance v = 2 D0 h draws a displacement d from the normal distribution of covariance v R(x)^-1,
-//! of density q_x(d), and goes to x + d or to x - d with probabilities in the ratio of
-//! sqrt(q_(x+d)(d) / q_x(d)) and sqrt(q_(x-d)(d) / q_x(d)) (Livingstone and Zanella, J. R. Stat. Soc. B 84
-//! (2022) 496, choose the sign in this way). A place inside a wall has q = 0. The step to y is accepted with
-//! probability min(1, N(x, d) / N(y, d)), where N is the sum of the two square roots; otherwise the sphere
-//! stays. The probability of going from x to y, 2 sqrt(q_x q_y) / max(N(x, d), N(y, d)), is that of going from
-//! y to x. A uniform cloud therefore stays uniform for any step, in one gap or between curved walls, no sphere
-//! enters a wall, and steps backward in time have the same statistics as steps forward.
+//! of density q_x(d), and goes to x + d or to x - d with probabilities in the ratio of sqrt(q_(x+d)(d) /
+//! q_x(d)) and sqrt(q_(x-d)(d) / q_x(d)) (Livingstone and Zanella, J. R. Stat. Soc. B 84 (2022) 496, choose
+//! the sign in this way). A place inside a wall has q = 0. The step to y is accepted with probability min(1,
+//! N(x, d) / N(y, d)), where N is the sum of the two square roots; otherwise the sphere stays. The
+//! probability of going from x to y, 2 sqrt(q_x q_y) / max(N(x, d), N(y, d)), is that of going from y to x. A
+//! uniform cloud therefore stays uniform for any step, in one gap or between curved walls, no sphere enters a
+//! wall, and steps backward in time have the same statistics as steps forward.
 //!
 //! To first order in h the choice of the sign gives the mean displacement div D h, without derivatives of D,
-//! and 1 - N(x, d) / N(y, d) is of third order in the relative change of D over a step. A step of 0.002 a^2 / D0
-//! changes the variance of displacements by less than 1 % at gaps above a tenth of the radius a. Closer to a
-//! wall, where D across it falls to 0 within a step, only the averages over a step length are accurate.
+//! and 1 - N(x, d) / N(y, d) is of third order in the relative change of D over a step. A step of 0.002 a^2 /
+//! D0 changes the variance of displacements by less than 1 % at gaps above a tenth of the radius a. Closer to
+//! a wall, where D across it falls to 0 within a step, only the averages over a step length are accurate.
 
 use crate::near_walls::NearWalls;
 use glam::{DMat3, DVec3};
@@ -212,8 +212,8 @@ mod tests {
         assert!(found < 43.8, "{found}");
     }
 
-    /// Mean of dz, and of dx^2 + dy^2 and dz^2 over twice the time, of spheres at a gap after a time (units of
-    /// a^2 / D0), with their standard errors; in units of a and D0.
+    /// Mean of dz, and of dx^2 + dy^2 and dz^2 over twice the time, of spheres at a gap after a time (units
+    /// of a^2 / D0), with their standard errors; in units of a and D0.
     fn moments(gap: f64, time: f64, steps: u32, number: u32) -> [(f64, f64); 3] {
         let (field, domain) = (rest(), plates(500.0));
         let walls = NearWalls::new(FluidRegion::new(&field, &domain, &[]), RADIUS);

@@ -120,9 +120,9 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
 
 #[test]
 fn images_of_diffusing_particles_move_as_in_a_camera() {
-    // Frames every 10 ms, open for 9 ms: displacements of the positions have the variance 2 D dt, those of centers of
-    // images 2 D (dt - T / 3), and successive ones, which share an exposure, the covariance D T / 3 (Savin and Doyle,
-    // Biophys. J. 88 (2005) 623; Berglund, Phys. Rev. E 82 (2010) 011917).
+    // Frames every 10 ms, open for 9 ms: displacements of the positions have the variance 2 D dt, those of
+    // centers of images 2 D (dt - T / 3), and successive ones, which share an exposure, the covariance D T /
+    // 3 (Savin and Doyle, Biophys. J. 88 (2005) 623; Berglund, Phys. Rev. E 82 (2010) 011917).
     const OPEN_S: f64 = 0.009;
     let field = Linear::uniform(DVec3::ZERO).unwrap();
     let seeding = Seeding::poisson(1e-3, Diameters::equal(0.2).unwrap()).unwrap();
@@ -155,8 +155,9 @@ fn images_of_diffusing_particles_move_as_in_a_camera() {
     let d = brownian.diffusion(0.2);
     let [positions, images, ends] = [positions, images, ends].map(|sum: f64| sum / n / (2.0 * d * 0.01));
     let both = both / (n / 3.0) / (2.0 * d * 0.01);
-    // Standard errors of about 1000 particles: 0.015 for variances, about 0.01 for the covariance. The mean over K = 23
-    // points differs from that over time by 1 / K^2; the last and first points are T / K closer to the middle.
+    // Standard errors of about 1000 particles: 0.015 for variances, about 0.01 for the covariance. The mean
+    // over K = 23 points differs from that over time by 1 / K^2; the last and first points are T / K closer
+    // to the middle.
     let known =
         [1.0, 1.0 - OPEN_S / 0.01 / 3.0, 0.1 + OPEN_S / 0.01 / frames[0].streaks[0].points.len() as f64];
     for (found, known) in [positions, images, ends].into_iter().zip(known) {

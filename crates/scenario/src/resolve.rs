@@ -444,6 +444,16 @@ mod tests {
     }
 
     #[test]
+    fn walls_slow_spheres_only_and_are_not_written_unless_given() {
+        assert!(!write(&resolved(FIVE_LINES).unwrap().spec).unwrap().contains("walls"));
+        let hindered = FIVE_LINES.replace("poiseuille()", "poiseuille(), walls: hindered");
+        assert!(write(&resolved(&hindered).unwrap().spec).unwrap().contains("walls: hindered"));
+        let rods = hindered.replace("timing", "particles: (spheroids: (e_p: 3)), timing");
+        let message = resolved(&rods).unwrap_err().to_string();
+        assert!(message.contains("motion.flow.walls: expected free"), "{message}");
+    }
+
+    #[test]
     fn keys_replace_single_values_of_a_preset() {
         let text = FIVE_LINES.replace("motion", "optics: (preset: setting1a, background_noise: 50), motion");
         let scenario = resolved(&text).unwrap();
