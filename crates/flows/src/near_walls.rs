@@ -5,12 +5,12 @@
 //! approximation if its radius of curvature is large compared with the distance of the sphere from it. Of two
 //! walls with the same normal only the nearer counts. A free surface is treated as a wall.
 //!
-//! Several walls are superposed: the resistances that they add to that far from walls are summed (Oseen), R =
-//! 1 + sum (R_wall - 1). In the middle between two plates at distances h this gives a mobility 1 - 1.125 a/h
-//! + ... along and 1 - 2.25 a/h + ... across the plates instead of 1 - 1.004 a/h and 1 - 1.452 a/h (Faxen; Ho
-//! and Leal, J. Fluid Mech. 65 (1974) 365). Along plates at least four radii apart the error is below 2 %
-//! (Faxen's series to fifth order); across them it is about 0.8 a/h, 4 % if they are 40 radii apart. Near one
-//! of the plates both errors are smaller.
+//! Several walls are superposed: the resistances that they add to that far from walls are summed (Oseen),
+//! R = 1 + sum (R_wall - 1). In the middle between two plates at distances h this gives mobilities of
+//! 1 - 1.125 a/h along and 1 - 2.25 a/h across the plates to first order, instead of 1 - 1.004 a/h and
+//! 1 - 1.452 a/h (Faxen; Ho and Leal, J. Fluid Mech. 65 (1974) 365). Along plates at least four radii apart the
+//! error is below 2 % (Faxen's series to fifth order); across them it is about 0.8 a/h, 4 % if they are 40
+//! radii apart. Near one of the plates both errors are smaller.
 //!
 //! The flow carries a sphere at its own velocity at the center, less the lag: the velocity along a wall,
 //! relative to the fluid at the wall, is multiplied by the slip in a simple shear

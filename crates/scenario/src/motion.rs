@@ -32,7 +32,7 @@ pub struct Flow {
     pub placement: Option<FieldPlacement>,
     /// Whether walls slow the particles.
     #[serde(default, skip_serializing_if = "Walls::is_free")]
-    #[schemars(extend("x-default" = "free"))]
+    #[schemars(extend("x-default" = "`free`"))]
     pub walls: Walls,
 }
 

@@ -445,7 +445,7 @@ mod tests {
 
     #[test]
     fn walls_slow_spheres_only_and_are_not_written_unless_given() {
-        assert!(!write(&resolved(FIVE_LINES).unwrap().spec).unwrap().contains("walls"));
+        assert!(!write(&resolved(FIVE_LINES).unwrap().spec).unwrap().contains(" walls: "));
         let hindered = FIVE_LINES.replace("poiseuille()", "poiseuille(), walls: hindered");
         assert!(write(&resolved(&hindered).unwrap().spec).unwrap().contains("walls: hindered"));
         let rods = hindered.replace("timing", "particles: (spheroids: (e_p: 3)), timing");
