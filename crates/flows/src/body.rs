@@ -72,6 +72,13 @@ impl Body {
         (wall.clearance_um - self.margin(radius), wall.normal)
     }
 
+    /// The surface of the body as a wall seen from `x` (um); `None` for a drain, which is none, and for the
+    /// space outside a drop, whose surface belongs to the field.
+    pub(crate) fn obstacle(&self, x: DVec3) -> Option<Wall> {
+        let is_wall = !self.drain && !matches!(self.shape, Shape::OutsideCap(_));
+        is_wall.then(|| self.wall(x))
+    }
+
     /// The distance (um) at which the body keeps particle centers: the radius, or 0 for a drain.
     fn margin(&self, radius: f64) -> f64 {
         if self.drain { 0.0 } else { radius }

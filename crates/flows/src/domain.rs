@@ -7,6 +7,7 @@
 
 use crate::error::{ParameterCheck, Result};
 use crate::region::{Axis, Region};
+use crate::wall::Wall;
 use glam::DVec3;
 
 /// Boundary condition at the two faces of the box normal to one axis.
@@ -77,6 +78,15 @@ impl Domain {
             x[axis as usize] = at.min(high - radius).max(low + radius);
         }
         x
+    }
+
+    /// The walls of the box, seen from `x` (um).
+    pub(crate) fn walls(&self, x: DVec3) -> impl Iterator<Item = Wall> {
+        let domain = *self;
+        self.axes(Boundary::Wall).flat_map(move |axis| {
+            let ((low, high, at), normal) = (domain.edge(axis, x), axis.unit());
+            [Wall { clearance_um: at - low, normal }, Wall { clearance_um: high - at, normal: -normal }]
+        })
     }
 
     /// `x` (um) reflected at the walls of the box, repeatedly if necessary, so that a particle of `radius`

@@ -5,7 +5,8 @@
 //! time of the frame. A moving particle is drawn as K points per flash, at the midpoints of K equal parts of
 //! the interval, each with 1/K of the light of the flash. K = ceil(path / spacing), at most 64, where the
 //! spacing is a quarter of a pixel. The ground truth of a frame is the particle position at the middle of the
-//! exposure and its mean velocity over the exposure, without Brownian motion.
+//! exposure and its mean velocity over the exposure, without Brownian motion. Brownian motion during the
+//! exposure is described in [`crate::sequence`].
 
 use crate::error::{ParameterCheck, Result};
 use crate::frame::{Streak, StreakPoint, Tracer};
@@ -65,6 +66,11 @@ impl Shutter {
         // The factor prevents rounding from giving five points for a path of exactly four spacings. A path of
         // NaN gives 0 points; its trajectory ends in an error elsewhere.
         libm::ceil(path / self.piece_um * (1.0 - 1e-12)).clamp(1.0, MAX_POINTS) as u32
+    }
+
+    /// Number of points per flash of a streak.
+    pub(crate) fn count_in(&self, streak: &Streak) -> u32 {
+        streak.points.len() as u32 / self.flashes
     }
 
     /// Times of the points relative to the middle of the exposure, s, ascending.

@@ -18,7 +18,7 @@
 //!   [`Seeding`] and [`Diameters`] fill it.
 //! - Tracers may diffuse ([`Brownian`]) and settle ([`Settling`]) in a [`Liquid`], be [`Spheroids`] that
 //!   rotate ([`orientation`]) and whose friction differs along and across their axis ([`friction`]), and
-//!   differ in brightness ([`Intensities`]).
+//!   differ in brightness ([`Intensities`]). Walls may slow them ([`hindered`]).
 //! - A [`Scene`] joins these parts; a recording of it is the tracer cloud at a series of times
 //!   ([`sequence`]). A uniform cloud stays uniform in a divergence-free field ([`divergence`] treats the
 //!   others), ids are never reused, and all random numbers follow from the seed.
@@ -72,12 +72,15 @@ pub mod fields;
 pub mod fluid;
 pub mod frame;
 pub mod friction;
+pub mod hindered;
+mod hindered_brownian;
 pub mod step_estimate;
 
 pub mod illumination;
 pub mod integrate;
 pub mod intensities;
 pub mod liquid;
+mod near_walls;
 pub mod orientation;
 pub mod params;
 mod path;

@@ -1,9 +1,12 @@
 //! Particle paths: deterministic drift by flow, settling and forces, Brownian motion, and streaks during an
 //! exposure.
 //!
-//! Brownian motion during an exposure is a random walk from the middle of the exposure outward in both time
-//! directions, which has the statistics of a Brownian path. Its random numbers are independent of those of
-//! the step to the next frame.
+//! Brownian motion during an exposure is a part of the motion between frames: a step to the next frame
+//! continues from the last point of the streak, goes to the opening of the next exposure, and from there over
+//! the points of its first half. Displacements of the centers of images then have the variance 2 D (dt - T/3)
+//! for an exposure T, as in a camera, and those of the positions 2 D dt. Only the first half of the first
+//! exposure of a particle is a random walk backward in time from the middle of the exposure, which has the
+//! same statistics.
 
 use crate::brownian::Brownian;
 use crate::error::Result;
@@ -28,6 +31,31 @@ const MAX_PIECES: f64 = 1000.0;
 pub(crate) struct Pose {
     pub(crate) position: DVec3,
     pub(crate) axis: DVec3,
+}
+
+/// The first half of the exposure of a frame, as a particle has moved through it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Approach {
+    /// Points of the streak before the middle of the exposure, in order of time.
+    points: Vec<StreakPoint>,
+    /// Number of points per flash.
+    count: u32,
+}
+
+impl Approach {
+    /// The same moved by `shift` (um).
+    pub(crate) fn moved(mut self, shift: DVec3) -> Self {
+        if shift != DVec3::ZERO {
+            self.points.iter_mut().for_each(|point| point.position += shift);
+        }
+        self
+    }
+}
+
+impl From<&StreakPoint> for Pose {
+    fn from(point: &StreakPoint) -> Pose {
+        Pose { position: point.position, axis: point.axis }
+    }
 }
 
 impl From<&Tracer> for Pose {
@@ -110,6 +138,10 @@ impl Scene<'_> {
         stream: &mut Stream,
     ) -> Pose {
         let (radius, friction) = (0.5 * d_um, &self.friction);
+        if let Some(walls) = self.slowing_walls(d_um) {
+            pose.position = walls.diffuse(brownian.diffusion(d_um), pose.position, t, h, stream);
+            return pose;
+        }
         if !friction.is_sphere() {
             pose.axis = brownian.random_rotation(pose.axis, d_um, friction, 0.5 * h, stream);
         }
@@ -121,11 +153,61 @@ impl Scene<'_> {
         pose
     }
 
+    /// The pose of a tracer at `t1` (s), the time of the next frame, after Brownian motion since the exposure
+    /// of the frame at `t0` (s), of which `streak` is its image; and the first half of its next exposure.
+    pub(crate) fn brownian_path_between(
+        &self,
+        brownian: &Brownian,
+        (tracer, streak): (&Tracer, &Streak),
+        shutter: &Shutter,
+        (t0, t1): (f64, f64),
+        stream: &mut Stream,
+    ) -> Result<(Pose, Approach)> {
+        let d_um = tracer.d_um;
+        let offsets = shutter.offsets_s(shutter.count_in(streak));
+        let (mut at, mut t) = (Pose::from(tracer), t0);
+        if let (Some(point), Some(offset)) = (streak.points.last(), offsets.last()) {
+            (at, t) = (point.into(), t0 + offset);
+        }
+        let opening = t1 - 0.5 * shutter.span_s();
+        at = self.brownian_path(brownian, at, d_um, (t, opening), stream)?;
+        let middle = self.drift(at, d_um, (opening, t1))?;
+        let last = self.drift(middle, d_um, (t1, t1 + 0.5 * shutter.span_s()))?;
+        let places = [at.position, middle.position, last.position];
+        let count = shutter.points(self.path_in_image(places, d_um, shutter));
+        let (mut points, mut t) = (Vec::new(), opening);
+        for offset in shutter.offsets_s(count).into_iter().filter(|offset| *offset < 0.0) {
+            at = self.walk(at, d_um, (t, t1 + offset), stream)?;
+            points.push(StreakPoint { position: at.position, axis: at.axis });
+            t = t1 + offset;
+        }
+        Ok((self.walk(at, d_um, (t, t1), stream)?, Approach { points, count }))
+    }
+
+    /// The pose at `t1` (s, earlier or later) after one step of drift and Brownian motion.
+    fn walk(&self, from: Pose, d_um: f64, (t0, t1): (f64, f64), stream: &mut Stream) -> Result<Pose> {
+        let (at, h) = (self.drift(from, d_um, (t0, t1))?, (t1 - t0).abs());
+        Ok(match self.brownian.as_ref().filter(|_| h > 0.0) {
+            Some(brownian) => self.diffuse(brownian, at, d_um, t1, h, stream),
+            None => at,
+        })
+    }
+
+    /// Length (um) in the image plane of a path over three places during an exposure, with twice the standard
+    /// deviation of the Brownian displacement.
+    fn path_in_image(&self, [first, middle, last]: [DVec3; 3], d_um: f64, shutter: &Shutter) -> f64 {
+        let flat = |way: DVec3| way.truncate().length();
+        let noise =
+            self.brownian.map_or(0.0, |b| 2.0 * libm::sqrt(2.0 * b.diffusion(d_um) * shutter.span_s()));
+        flat(middle - first) + flat(last - middle) + noise
+    }
+
     /// The streak of a tracer in frame number `frame`, whose exposure is centered on `t_s` (s), and its mean
-    /// velocity (um/s) over the exposure.
+    /// velocity (um/s) over the exposure. `approach` is its first half, if the tracer comes from a frame
+    /// before.
     pub(crate) fn streak(
         &self,
-        tracer: &Tracer,
+        (tracer, approach): (&Tracer, Option<&Approach>),
         shutter: &Shutter,
         (frame, t_s): (u32, f64),
         streams: Streams,
@@ -134,30 +216,26 @@ impl Scene<'_> {
         let middle = Pose::from(tracer);
         let first = self.drift(middle, tracer.d_um, (t_s, t_s - 0.5 * span))?.position;
         let last = self.drift(middle, tracer.d_um, (t_s, t_s + 0.5 * span))?.position;
-        let flat = |way: DVec3| way.truncate().length();
-        // The path length includes twice the standard deviation of the Brownian displacement.
-        let noise = self.brownian.map_or(0.0, |b| 2.0 * libm::sqrt(2.0 * b.diffusion(tracer.d_um) * span));
-        let path = flat(tracer.position - first) + flat(last - tracer.position) + noise;
-        let points = shutter.points(path);
+        let path = self.path_in_image([first, tracer.position, last], tracer.d_um, shutter);
+        let points = approach.map_or_else(|| shutter.points(path), |approach| approach.count);
         let offsets = shutter.offsets_s(points);
 
         let mut stream = streams.stream(Purpose::Exposure, frame, tracer.id as u32);
         let mut streak = vec![StreakPoint { position: middle.position, axis: middle.axis }; offsets.len()];
         let later = offsets.partition_point(|offset| *offset < 0.0);
-        let orders: [&mut dyn Iterator<Item = usize>; 2] =
-            [&mut (later..offsets.len()), &mut (0..later).rev()];
-        for order in orders {
+        let mut fill = |order: &mut dyn Iterator<Item = usize>| -> Result<()> {
             let (mut at, mut t) = (middle, t_s);
             for i in order {
-                let t_next = t_s + offsets[i];
-                at = self.drift(at, tracer.d_um, (t, t_next))?;
-                let h = (t_next - t).abs();
-                if let Some(brownian) = self.brownian.as_ref().filter(|_| h > 0.0) {
-                    at = self.diffuse(brownian, at, tracer.d_um, t_next, h, &mut stream);
-                }
+                at = self.walk(at, tracer.d_um, (t, t_s + offsets[i]), &mut stream)?;
                 streak[i] = StreakPoint { position: at.position, axis: at.axis };
-                t = t_next;
+                t = t_s + offsets[i];
             }
+            Ok(())
+        };
+        fill(&mut (later..offsets.len()))?;
+        match approach {
+            Some(approach) => streak[..later].clone_from_slice(&approach.points),
+            None => fill(&mut (0..later).rev())?,
         }
         Ok((Streak { points: streak, share: 1.0 / f64::from(points) }, (last - first) / span))
     }

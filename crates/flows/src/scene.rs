@@ -11,6 +11,7 @@ use crate::fluid::{FluidRegion, KeptShares};
 use crate::frame::Tracer;
 use crate::friction::SpheroidFriction;
 use crate::intensities::Intensities;
+use crate::near_walls::NearWalls;
 use crate::orientation::Spheroids;
 use crate::seeding::{Seed, Seeding};
 use glam::DVec3;
@@ -33,6 +34,7 @@ pub struct Scene<'a> {
     intensities: Intensities,
     pub(crate) keeps_ids: bool,
     pub(crate) shutter: Option<Shutter>,
+    walls_slow: bool,
 }
 
 impl<'a> Scene<'a> {
@@ -58,6 +60,7 @@ impl<'a> Scene<'a> {
             intensities: Intensities::default(),
             keeps_ids: false,
             shutter: None,
+            walls_slow: false,
         }
         .seeded_at(0.0)
     }
@@ -103,6 +106,18 @@ impl<'a> Scene<'a> {
         Scene { shutter: Some(shutter).filter(|shutter| shutter.span_s() > 0.0), ..self }
     }
 
+    /// With walls that slow spheres: their Brownian motion, settling, and motion with the flow along walls.
+    /// Spheroids are not slowed.
+    pub fn with_slowing_walls(self) -> Self {
+        Scene { walls_slow: true, ..self }
+    }
+
+    /// The walls that slow particles of diameter `d_um` (um); `None` if there are none.
+    pub(crate) fn slowing_walls(&self, d_um: f64) -> Option<NearWalls<'a>> {
+        let slows = self.walls_slow && self.friction.is_sphere();
+        slows.then(|| NearWalls::new(self.fluid(), 0.5 * d_um))
+    }
+
     /// The fluid region: the domain without bodies and walls of the field.
     pub fn fluid(&self) -> FluidRegion<'a> {
         FluidRegion { field: self.field, domain: self.domain, bodies: self.bodies, kept: self.kept }
@@ -112,7 +127,7 @@ impl<'a> Scene<'a> {
     pub(crate) fn drifting(&self, d_um: f64, axis: DVec3) -> Drifting<'a> {
         let slip =
             self.settling.map_or(DVec3::ZERO, |settling| settling.velocity(d_um, &self.friction, axis));
-        Drifting::new(self.field, self.size_for_forces(d_um), slip)
+        Drifting::new(self.field, self.size_for_forces(d_um), slip).near(self.slowing_walls(d_um))
     }
 
     /// Diameter (um) of the sphere that a force proportional to volume moves at the same speed, averaged over

@@ -16,17 +16,21 @@
 //! also accumulate where a flow that is tangential at a wall, but not one radius away from it, presses them
 //! against a body or a free surface.
 //!
+//! With a finite exposure, Brownian motion during it is a part of that between frames, so that it changes the
+//! paths of diffusing tracers.
+//!
 //! Random streams: (`Seeding`, recording, 0) for the first cloud, (`Inflow`, later frame of the step, 0) for
 //! each step, and for each tracer, addressed by the low 32 bits of its id, (`Brownian`, later frame, id),
-//! (`Orientation`, 0, id) and (`Intensity`, 0, id). A shorter run of the same recording is therefore the
-//! beginning of a longer one, and the result does not depend on the number of threads.
+//! (`Exposure`, frame, id), (`Orientation`, 0, id) and (`Intensity`, 0, id). A shorter run of the same
+//! recording is therefore the beginning of a longer one, and the result does not depend on the number of
+//! threads.
 
 use crate::drift::Drifting;
 use crate::error::{Error, ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::frame::{Displacement, Frame, RecordingStart, Streak, Tracer};
 use crate::integrate::advance;
-use crate::path::Pose;
+use crate::path::{Approach, Pose};
 use crate::scene::Scene;
 use crate::seeding::Seed;
 use glam::DVec3;
@@ -42,6 +46,17 @@ const MAX_FIRST_ID: u64 = 1 << 53;
 /// Largest Brownian displacement considered for inflow, in standard deviations along one axis; the
 /// probability of exceeding it is 1e-15.
 const REACH_OF_NOISE: f64 = 8.0;
+
+/// A tracer at its new position, and the first half of its exposure.
+type Moved = (Tracer, Option<Approach>);
+
+/// Tracers that keep their ids, and the first half of the exposure of each; empty if those are not parts of
+/// Brownian paths.
+#[derive(Default)]
+struct Survivors {
+    tracers: Vec<Tracer>,
+    approaches: Vec<Approach>,
+}
 
 /// Minimum number of tracers per parallel task.
 const TRACERS_PER_TASK: usize = 64;
@@ -92,36 +107,67 @@ impl<'a> Scene<'a> {
         t1: f64,
         streams: Streams,
         frame: u32,
-    ) -> Result<(Vec<Tracer>, Vec<Tracer>)> {
-        let t0 = before.t_s;
-        let moved = filtered_in_parallel(&before.tracers, |tracer| {
-            let drift = self.drift(tracer.into(), tracer.d_um, (t0, t1))?;
-            let Pose { position: end, axis } = match &self.brownian {
-                None => drift,
-                Some(brownian) => {
-                    let mut stream = streams.stream(Purpose::Brownian, frame, tracer.id as u32);
-                    self.brownian_path(brownian, tracer.into(), tracer.d_um, (t0, t1), &mut stream)?
-                }
-            };
-            if self.domain.is_beyond_open_face(end) || self.fluid().drains(end) {
-                return Ok(None);
-            }
-            let position = self.domain.wrap(end);
-            let step =
-                Displacement { actual: end - tracer.position, drift: drift.position - tracer.position };
-            let new = position != end && !self.keeps_ids;
-            Ok(Some(Tracer { position, axis, step: (!new).then_some(step), ..*tracer }))
-        })?;
-        // Usually all stay, and nothing is moved in memory.
-        let (mut stay, mut wrapped) = (moved, Vec::new());
-        stay.retain(|tracer| {
-            let stays = tracer.step.is_some();
-            if !stays {
-                wrapped.push(*tracer);
+    ) -> Result<(Survivors, Vec<Moved>)> {
+        let (times, from) = ((before.t_s, t1), (frame, streams));
+        let (mut tracers, halves) = if self.brownian.is_some() && self.shutter.is_some() {
+            let streaks: Vec<_> = before.tracers.iter().zip(&before.streaks).collect();
+            let moved = filtered_in_parallel(&streaks, |(tracer, streak)| {
+                self.moved((tracer, Some(streak)), times, from)
+            })?;
+            moved.into_iter().unzip()
+        } else {
+            let tracers = filtered_in_parallel(&before.tracers, |tracer| {
+                Ok(self.moved((tracer, None), times, from)?.map(|(tracer, _)| tracer))
+            })?;
+            (tracers, Vec::new())
+        };
+        // Usually all stay, and no tracer is moved in memory.
+        let (mut wrapped, mut approaches) = (Vec::new(), Vec::new());
+        let mut halves = halves.into_iter();
+        tracers.retain(|tracer| {
+            let (stays, approach) = (tracer.step.is_some(), halves.next().flatten());
+            if stays {
+                approaches.extend(approach);
+            } else {
+                wrapped.push((*tracer, approach));
             }
             stays
         });
-        Ok((stay, wrapped))
+        Ok((Survivors { tracers, approaches }, wrapped))
+    }
+
+    /// A tracer at its position at `t1` (s), without `step` if it becomes a new tracer; with the first half
+    /// of its exposure there if `streak`, its image at `t0` (s), is given and it diffuses; `None` if it has
+    /// left the domain.
+    fn moved(
+        &self,
+        (tracer, streak): (&Tracer, Option<&Streak>),
+        (t0, t1): (f64, f64),
+        (frame, streams): (u32, Streams),
+    ) -> Result<Option<Moved>> {
+        let drift = self.drift(tracer.into(), tracer.d_um, (t0, t1))?;
+        let stream = || streams.stream(Purpose::Brownian, frame, tracer.id as u32);
+        let (Pose { position: end, axis }, approach) = match (&self.brownian, &self.shutter, streak) {
+            (None, ..) => (drift, None),
+            (Some(brownian), Some(shutter), Some(streak)) => {
+                let seen = (tracer, streak);
+                let (end, approach) =
+                    self.brownian_path_between(brownian, seen, shutter, (t0, t1), &mut stream())?;
+                (end, Some(approach))
+            }
+            (Some(brownian), ..) => {
+                let from = tracer.into();
+                (self.brownian_path(brownian, from, tracer.d_um, (t0, t1), &mut stream())?, None)
+            }
+        };
+        if self.domain.is_beyond_open_face(end) || self.fluid().drains(end) {
+            return Ok(None);
+        }
+        let position = self.domain.wrap(end);
+        let step = Displacement { actual: end - tracer.position, drift: drift.position - tracer.position };
+        let new = position != end && !self.keeps_ids;
+        let approach = approach.map(|approach| approach.moved(position - end));
+        Ok(Some((Tracer { position, axis, step: (!new).then_some(step), ..*tracer }, approach)))
     }
 
     /// The particles that have entered through open faces between `t0` and `t1` (s), at their positions at
@@ -164,7 +210,8 @@ impl<'a> Scene<'a> {
     /// After entering, its path stays in the domain, so the maximum speed in the domain bounds the distance.
     fn reach(&self, t0: f64, t1: f64) -> f64 {
         let sizes = self.seeding.diameters();
-        let carried = Drifting::new(self.field, self.size_for_forces(sizes.max()), DVec3::ZERO);
+        let carried = Drifting::new(self.field, self.size_for_forces(sizes.max()), DVec3::ZERO)
+            .near(self.slowing_walls(sizes.max()));
         let settled = self.settling.map_or(0.0, |s| s.max_speed(sizes.max(), &self.friction));
         let speed = carried.max_speed(self.domain.region(), t0, t1) + settled;
         let noise = self.brownian.map_or(0.0, |brownian| {
@@ -206,11 +253,12 @@ impl Sequence<'_> {
     fn make(&mut self, t_s: f64) -> Result<Frame> {
         // In range: checked by `Scene::record`.
         let index = self.first_frame + self.made as u32;
-        let (mut tracers, wrapped, newcomers) = match &self.latest {
+        let (Survivors { mut tracers, mut approaches }, wrapped, newcomers) = match &self.latest {
             None => {
                 let mut stream = self.streams.stream(Purpose::Seeding, self.recording, 0);
                 let (scene, fluid) = (&self.scene, self.scene.fluid());
-                (Vec::new(), Vec::new(), scene.seeding.populate(&fluid, t_s, scene.density, &mut stream)?)
+                let seeds = scene.seeding.populate(&fluid, t_s, scene.density, &mut stream)?;
+                (Survivors::default(), Vec::new(), seeds)
             }
             Some(before) => {
                 let (survivors, wrapped) = self.scene.survivors(before, t_s, self.streams, index)?;
@@ -218,8 +266,9 @@ impl Sequence<'_> {
             }
         };
         tracers.reserve(wrapped.len() + newcomers.len());
-        for tracer in wrapped {
+        for (tracer, approach) in wrapped {
             tracers.push(Tracer { id: self.next_id, ..tracer });
+            approaches.extend(approach);
             self.next_id += 1;
         }
         for seed in newcomers {
@@ -227,15 +276,21 @@ impl Sequence<'_> {
             self.next_id += 1;
         }
         let streaks = if self.velocities || self.scene.shutter.is_some() {
-            self.expose(&mut tracers, index, t_s)?
+            self.expose(&mut tracers, &approaches, (index, t_s))?
         } else {
             Vec::new()
         };
         Ok(Frame { index, t_s, tracers, streaks })
     }
 
-    /// Sets the velocities of the tracers, and returns their streaks if the exposure is finite.
-    fn expose(&self, tracers: &mut [Tracer], index: u32, t_s: f64) -> Result<Vec<Streak>> {
+    /// Sets the velocities of the tracers, and returns their streaks if the exposure is finite; `approaches`
+    /// are their first halves.
+    fn expose(
+        &self,
+        tracers: &mut [Tracer],
+        approaches: &[Approach],
+        (index, t_s): (u32, f64),
+    ) -> Result<Vec<Streak>> {
         let scene = &self.scene;
         let Some(shutter) = &scene.shutter else {
             tracers.par_iter_mut().with_min_len(TRACERS_PER_TASK).for_each(|tracer| {
@@ -244,8 +299,11 @@ impl Sequence<'_> {
             });
             return Ok(Vec::new());
         };
-        let exposed = filtered_in_parallel(tracers, |tracer| {
-            scene.streak(tracer, shutter, (index, t_s), self.streams).map(Some)
+        // Newcomers come last and have none.
+        let halves = approaches.iter().map(Some).chain(std::iter::repeat(None));
+        let both: Vec<_> = tracers.iter().zip(halves).collect();
+        let exposed = filtered_in_parallel(&both, |(tracer, approach)| {
+            scene.streak((tracer, *approach), shutter, (index, t_s), self.streams).map(Some)
         })?;
         let streaks = tracers.iter_mut().zip(exposed).map(|(tracer, (streak, velocity))| {
             tracer.velocity = Some(velocity);

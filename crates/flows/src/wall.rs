@@ -13,6 +13,11 @@ use glam::{DVec2, DVec3};
 /// below anything visible.
 pub const CONTACT_UM: f64 = 1e-9;
 
+/// Walls coincide if 1 - cos of the angle between their normals is at most this,
+const SAME_NORMAL: f64 = 1e-9;
+/// and their clearances (um) differ by at most this.
+const SAME_UM: f64 = 1e-6;
+
 /// Maximum number of successive pushes of one particle.
 const MAX_PUSHES: u32 = 16;
 
@@ -56,6 +61,11 @@ impl Wall {
     /// The nearer of two walls.
     pub(crate) fn or(self, other: Wall) -> Wall {
         if other.clearance_um < self.clearance_um { other } else { self }
+    }
+
+    /// Whether this wall is nearer than `other`, or the same, with the same normal.
+    pub(crate) fn is_before(&self, other: &Wall) -> bool {
+        self.normal.dot(other.normal) > 1.0 - SAME_NORMAL && self.clearance_um <= other.clearance_um + SAME_UM
     }
 
     /// Whether a particle of `radius` (um) at the point overlaps the wall by more than [`CONTACT_UM`].

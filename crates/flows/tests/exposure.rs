@@ -119,7 +119,55 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
 }
 
 #[test]
-fn exposure_changes_no_path_and_neither_threads_nor_length_change_exposure() {
+fn images_of_diffusing_particles_move_as_in_a_camera() {
+    // Frames every 10 ms, open for 9 ms: displacements of the positions have the variance 2 D dt, those of
+    // centers of images 2 D (dt - T / 3), and successive ones, which share an exposure, the covariance D T /
+    // 3 (Savin and Doyle, Biophys. J. 88 (2005) 623; Berglund, Phys. Rev. E 82 (2010) 011917).
+    const OPEN_S: f64 = 0.009;
+    let field = Linear::uniform(DVec3::ZERO).unwrap();
+    let seeding = Seeding::poisson(1e-3, Diameters::equal(0.2).unwrap()).unwrap();
+    let region = Region::new(DVec3::splat(-50.0), DVec3::splat(50.0)).unwrap();
+    let domain = Domain::new(region, [Boundary::Periodic; 3]);
+    let shutter = Shutter::new(OPEN_S, 1, 0.0, 0.02).unwrap();
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_shutter(shutter).keeping_ids();
+    let brownian = Brownian::new(&liquid(0.89e-3), 2).unwrap();
+    let times: Vec<f64> = (0..4).map(|k| 0.01 * f64::from(k)).collect();
+    let scene = scene.with_brownian(brownian);
+    let frames: Vec<Frame> = scene
+        .record(&times, Streams::new(3), RecordingStart::default())
+        .unwrap()
+        .map(Result::unwrap)
+        .collect();
+    let (mut positions, mut images, mut both, mut ends, mut n) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let wrapped = |d: DVec3| d - (d / 100.0).round() * 100.0;
+    for i in 0..frames[0].tracers.len() {
+        let steps: Vec<DVec3> =
+            (0..3).map(|k| wrapped(centroid(&frames[k + 1], i) - centroid(&frames[k], i))).collect();
+        for k in 0..3 {
+            positions += frames[k + 1].tracers[i].step.unwrap().actual.length_squared();
+            images += steps[k].length_squared();
+            let (last, first) = (frames[k].streaks[i].points.last(), frames[k + 1].streaks[i].points.first());
+            ends += wrapped(first.unwrap().position - last.unwrap().position).length_squared();
+        }
+        both += (steps[0].dot(steps[1]) + steps[1].dot(steps[2])) / 2.0;
+        n += 9.0;
+    }
+    let d = brownian.diffusion(0.2);
+    let [positions, images, ends] = [positions, images, ends].map(|sum: f64| sum / n / (2.0 * d * 0.01));
+    let both = both / (n / 3.0) / (2.0 * d * 0.01);
+    // Standard errors of about 1000 particles: 0.015 for variances, about 0.01 for the covariance. The mean
+    // over K = 23 points differs from that over time by 1 / K^2; the last and first points are T / K closer
+    // to the middle.
+    let known =
+        [1.0, 1.0 - OPEN_S / 0.01 / 3.0, 0.1 + OPEN_S / 0.01 / frames[0].streaks[0].points.len() as f64];
+    for (found, known) in [positions, images, ends].into_iter().zip(known) {
+        assert!((found - known).abs() < 4.0 * 0.015 * known + 0.003, "{found} {known}");
+    }
+    assert!((both - OPEN_S / 0.01 / 6.0).abs() < 0.04, "{both}");
+}
+
+#[test]
+fn exposure_changes_no_path_without_diffusion_and_neither_threads_nor_length_change_exposure() {
     fn adorn(scene: Scene) -> Scene {
         let scene = scene.with_brownian(Brownian::new(&liquid(0.89e-3), 2).unwrap());
         scene.with_spheroids(Spheroids::new(3.0, Orientations::random()).unwrap())
@@ -133,8 +181,11 @@ fn exposure_changes_no_path_and_neither_threads_nor_length_change_exposure() {
         pool.install(|| record(&field, shutter, 3, adorn))
     };
     assert!([1, 7].into_iter().all(|threads| with(threads) == long[..3]));
-    let sharp = record(&field, Shutter::new(0.0, 1, 0.0, PIECE_UM).unwrap(), 3, adorn);
-    for (a, b) in long.iter().zip(&sharp) {
+    fn rods(scene: Scene) -> Scene {
+        scene.with_spheroids(Spheroids::new(3.0, Orientations::random()).unwrap())
+    }
+    let sharp = record(&field, Shutter::new(0.0, 1, 0.0, PIECE_UM).unwrap(), 3, rods);
+    for (a, b) in record(&field, shutter, 3, rods).iter().zip(&sharp) {
         assert!(b.streaks.is_empty());
         assert!(a.tracers.iter().zip(&b.tracers).all(|(a, b)| a.position == b.position && a.axis == b.axis));
     }

@@ -30,6 +30,28 @@ pub struct Flow {
     /// Rotation of the field about an axis through a point, followed by a translation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<FieldPlacement>,
+    /// Whether walls slow the particles.
+    #[serde(default, skip_serializing_if = "Walls::is_free")]
+    #[schemars(extend("x-default" = "`free`"))]
+    pub walls: Walls,
+}
+
+/// What walls do to particles: the walled faces of the box, the walls of the field, and bodies.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Walls {
+    /// They stop particles, and slow none.
+    #[default]
+    Free,
+    /// They also slow spheres within some radii: Brownian motion and settling by the mobility near a plane
+    /// wall, and motion along the wall by the slip in a shear flow. Not available for spheroids.
+    Hindered,
+}
+
+impl Walls {
+    fn is_free(&self) -> bool {
+        *self == Walls::Free
+    }
 }
 
 /// Rotation of a field about an axis, followed by a translation.

@@ -236,6 +236,10 @@ fn sections(
         }
     };
 
+    if spec.walls_slow() && spec.particles.spheroids.is_some() {
+        problems
+            .other("motion.flow.walls", "expected free: the laws of hindered motion are those of spheres");
+    }
     let steady = is_steady(&spec.motion, field.as_ref().and_then(Option::as_deref));
     let size_px = settings.as_ref().map_or((1, 1), |s| (s.pixel_dim_x, s.pixel_dim_y));
     spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, problems);
@@ -437,6 +441,16 @@ mod tests {
         assert_eq!(scenario.depth_range_um, (-80.0, 20.0));
         let text = write(&scenario.spec).unwrap();
         assert_eq!(write(&resolved(&text).unwrap().spec).unwrap(), text);
+    }
+
+    #[test]
+    fn walls_slow_spheres_only_and_are_not_written_unless_given() {
+        assert!(!write(&resolved(FIVE_LINES).unwrap().spec).unwrap().contains(" walls: "));
+        let hindered = FIVE_LINES.replace("poiseuille()", "poiseuille(), walls: hindered");
+        assert!(write(&resolved(&hindered).unwrap().spec).unwrap().contains("walls: hindered"));
+        let rods = hindered.replace("timing", "particles: (spheroids: (e_p: 3)), timing");
+        let message = resolved(&rods).unwrap_err().to_string();
+        assert!(message.contains("motion.flow.walls: expected free"), "{message}");
     }
 
     #[test]

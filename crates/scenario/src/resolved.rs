@@ -98,6 +98,7 @@ impl Scenario {
         let scene = cloud.brownian.into_iter().fold(scene, Scene::with_brownian);
         let scene = cloud.settling.into_iter().fold(scene, Scene::with_settling);
         let scene = self.shutter.into_iter().fold(scene, Scene::with_shutter);
+        let scene = if self.spec.walls_slow() { scene.with_slowing_walls() } else { scene };
         Ok(if self.spec.boundaries.keep_ids { scene.keeping_ids() } else { scene })
     }
 

@@ -22,7 +22,7 @@ pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfil
 use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;
-pub use super::motion::{FieldPlacement, Flow, Motion, Tracks};
+pub use super::motion::{FieldPlacement, Flow, Motion, Tracks, Walls};
 pub use super::particles::{
     Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
     Placement, Settling, Spheroids,
@@ -124,6 +124,11 @@ impl Spec {
         let renderer = self.renderer();
         let optics = renderer.wave_optics()?;
         optics.cylinder.map(|cylinder| (cylinder.growth(), optics.cyl_angle_deg))
+    }
+
+    /// Whether walls slow the particles.
+    pub(super) fn walls_slow(&self) -> bool {
+        matches!(&self.motion, Motion::Flow(flow) if flow.walls == Walls::Hindered)
     }
 
     /// What the pixels of images hold.
