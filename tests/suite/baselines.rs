@@ -117,6 +117,55 @@ fn mle_fits_images_by_wave_optics() {
     assert_tracks(&score(folder.path(), "mle"), "waves", [0.9, 0.9, 0.05, 0.003]);
 }
 
+/// Axes to a few degrees, at the bound, with uncertainties; the aspect ratio if it is not given.
+#[test]
+fn mle_measures_the_axes_of_spheroids() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = r#"(
+        name: "rods",
+        optics: (magnification: 10, numerical_aperture: 0.3, pixel_size: 6.5, pixel_dim_x: 200, pixel_dim_y: 100,
+                 lens: aplanatic, background_noise: 20),
+        render: (mode: waves, wavelength_um: 0.6),
+        particles: (number: count(3), diameter_um: constant(3), spheroids: (e_p: 2.5, orientation: random)),
+        boundaries: (z_um: (5, 20)), motion: flow(field: uniform(velocity_um_s: (0, 0, 0))),
+        timing: sequence(frames: 1, dt_s: 0.002), seed: 3,
+    )"#;
+    generate(folder.path(), "dataset", scenario);
+    let (dataset, result) = (folder.path().join("dataset"), folder.path().join("mle.csv"));
+    for ratio in [&["--aspect-ratio", "2.5"][..], &[]] {
+        let method =
+            ["track", path(&dataset), "--method", "mle", "--shape", "spheroid", "--force", "--quiet"];
+        run(&[&method[..], &["--out", path(&result)], ratio].concat());
+        let out = folder.path().join("score");
+        run(&[
+            "evaluate",
+            path(&dataset),
+            path(&result),
+            "--crlb",
+            "--out",
+            path(&out),
+            "--force",
+            "--quiet",
+        ]);
+        let score: Value = serde_json::from_slice(&std::fs::read(out.join("score.json")).unwrap()).unwrap();
+        assert_eq!(number(&score, "/detection/recall"), 1.0, "{score}");
+        assert!(number(&score, "/orientation/mean_deg") < 3.0, "{}", score["orientation"]);
+        assert!(number(&score, "/crlb/efficiency_axis") > 0.3, "{}", score["crlb"]);
+    }
+    let text = std::fs::read_to_string(&result).unwrap();
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let column = |name: &str| header.iter().position(|column| *column == name).unwrap();
+    let (ratio, sd) = (column("aspect_ratio"), column("aspect_ratio_sd"));
+    for line in lines {
+        let [ratio, sd] = [ratio, sd].map(|k| line[k].parse::<f64>().unwrap());
+        assert!((ratio - 2.5).abs() < (4.0 * sd).max(0.05), "{ratio} +- {sd}");
+    }
+    let dataset = path(&dataset).to_owned();
+    let wrong = fail(2, &["track", &dataset, "--method", "ncc", "--shape", "spheroid", "--out", "x.csv"]);
+    assert!(wrong.contains("expected with method mle, not ncc"), "{wrong}");
+}
+
 /// A focus that is tilted by 4 um from the middle of the field to its ends: the optics of the middle would be off by
 /// a tenth of the depth range.
 #[test]

@@ -122,14 +122,13 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     let more = more.ceil() as usize;
     let model = ModelImages { unit: sphere.unit, ..ModelImages::new(&origin, &depths_um, side + 2 * more)? };
     let radii = depths_um.iter().map(|z_um| templates[0].radius_px(*z_um, 0.0) + more).collect();
-    let images = ShapeImages { model: ModelImages { radii, ..model }, is_fast: origin.waves.is_some() };
+    let images = ShapeImages { model: ModelImages { radii, ..model } };
     Ok(OfSpheroids { images, noise })
 }
 
 /// Images of spheroids with the equatorial diameter of a calibration particle.
 pub(super) struct ShapeImages {
     model: ModelImages,
-    is_fast: bool,
 }
 
 impl ShapeImages {
@@ -144,11 +143,6 @@ impl ShapeImages {
 
     pub(super) fn radius(&self) -> usize {
         self.model.radii.iter().copied().max().unwrap_or(0)
-    }
-
-    /// Whether derivatives take no longer than an image.
-    pub(super) fn has_fast_derivatives(&self) -> bool {
-        self.is_fast
     }
 
     /// The particle on the sensor of the model, and the window of this square on it.

@@ -76,13 +76,14 @@ mod tests {
     use super::super::gray_image::GrayImage;
     use super::*;
 
-    /// Spots that grow on both sides of a focus, on one side faster by `faster`.
-    fn templates(faster: f32) -> Templates {
+    /// Spots that grow on both sides of a focus, and on one side are rings with this share of their light.
+    fn templates(ring: f32) -> Templates {
         let image = |k: i32| {
-            let width = 1.5 + 0.3 * k.abs() as f32 * if k > 0 { 1.0 + faster } else { 1.0 };
+            let width = 1.5 + 0.3 * k.abs() as f32;
+            let share = if k > 0 { ring } else { 0.0 };
             GrayImage::from_fn((41, 41), |x, y| {
-                let r2 = [x, y].map(|c| (c as f32 - 20.0).powi(2)).iter().sum::<f32>();
-                2000.0 / (width * width) * (-0.5 * r2 / (width * width)).exp()
+                let r2 = [x, y].map(|c| (c as f32 - 20.0).powi(2)).iter().sum::<f32>() / (width * width);
+                2000.0 / (width * width) * (-0.5 * r2).exp() * (1.0 - share + 0.5 * share * r2)
             })
         };
         let depths = (-10..=10).map(f64::from).collect();
@@ -94,8 +95,8 @@ mod tests {
         let noise = PixelNoise::new(4.0, 0.0);
         let text = warning(&templates(0.0), noise, 0.01).unwrap();
         assert!(text.contains("side of the focus"), "{text}");
-        assert_eq!(warning(&templates(0.5), noise, 0.01), None);
+        assert_eq!(warning(&templates(0.9), noise, 0.01), None);
         // The same images in more noise.
-        assert!(warning(&templates(0.1), PixelNoise::new(400.0, 0.0), 0.01).is_some());
+        assert!(warning(&templates(0.1), PixelNoise::new(100.0, 0.0), 0.01).is_some());
     }
 }

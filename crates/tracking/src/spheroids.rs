@@ -3,7 +3,7 @@
 //!
 //! Templates averaged over all directions of the axis find the particles. Each is then fitted from several axes: those
 //! whose images resemble it most, and their mirror images toward and away from the lens, which look alike at some
-//! depths. The fit is that of Levenberg and Marquardt; where derivatives are costly they are updated from image to image
+//! depths. The fit is that of Levenberg and Marquardt, with derivatives that are updated from image to image
 //! (Broyden 1965, Math. Comput. 19, 577), and computed once more at the end, for the covariance. Overlapping particles
 //! are fitted in turn, each with the others subtracted, until they no longer move.
 
@@ -447,12 +447,8 @@ impl Fit<'_> {
             }
             let gained = now.chi2 - chi2;
             damping = (0.2 * damping).max(1e-6);
-            if self.images.has_fast_derivatives() {
-                now = self.state(region, pose)?;
-            } else {
-                now.update(region, &light, &change);
-                (now.pose, now.light, now.chi2, now.turned) = (pose, light, chi2, turned);
-            }
+            now.update(region, &light, &change);
+            (now.pose, now.light, now.chi2, now.turned) = (pose, light, chi2, turned);
             if gained < CONVERGED {
                 break;
             }

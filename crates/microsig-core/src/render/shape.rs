@@ -226,7 +226,8 @@ mod tests {
         }
     }
 
-    /// Derivatives of sums of emitters are those of the images themselves, to 1e-3 of the largest one.
+    /// Derivatives of sums of emitters are those of the images themselves, to 1e-3 of the largest one. The number of
+    /// emitters changes with the aspect ratio, so the differences between its images are less exact.
     #[test]
     fn derivatives_are_those_of_the_image() {
         let renderer = waves(Emission::Surface);
@@ -246,14 +247,20 @@ mod tests {
                 moved.spheroid = Some(Spheroid::from_axis(e_p, axis.to_array()));
                 renderer.shape_gradient(&moved, Some(at.window)).unwrap()
             };
-            for (p, step) in [0.01, 0.01, 0.02, 0.003, 0.003, 0.03].into_iter().enumerate() {
+            let steps =
+                [(0.01, 1e-3), (0.01, 1e-3), (0.02, 1e-3), (0.003, 1e-3), (0.003, 1e-3), (0.012, 3e-3)];
+            for (p, (step, tolerance)) in steps.into_iter().enumerate() {
                 let (low, high) = (moved(p, -step), moved(p, step));
                 let (mut worst, mut most) = (0.0f64, 0.0f64);
                 for ((low, high), at) in low.pixels.iter().zip(&high.pixels).zip(&at.pixels) {
                     worst = worst.max(((high[0] - low[0]) / (2.0 * step) - at[1 + p]).abs());
                     most = most.max(at[1 + p].abs());
                 }
-                assert!(worst < 1e-3 * most, "{particle:?}, parameter {p}: {} of the largest", worst / most);
+                assert!(
+                    worst < tolerance * most,
+                    "{particle:?}, parameter {p}: {} of the largest",
+                    worst / most
+                );
             }
         }
     }
