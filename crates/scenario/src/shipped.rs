@@ -2,8 +2,8 @@
 
 use include_dir::{Dir, include_dir};
 
-/// The folder `scenarios/`.
-pub static SHIPPED: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/../../scenarios");
+/// The folder `scenarios/`, found by `build.rs`.
+pub static SHIPPED: Dir<'static> = include_dir!("$MICROSIG_SCENARIOS");
 
 /// Name and text of each scenario and sweep, sorted by name.
 pub fn shipped() -> Vec<(&'static str, &'static str)> {
