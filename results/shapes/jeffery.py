@@ -1,6 +1,8 @@
-"""Jeffery orbits of rods from their images: the period of `scenarios/spheroids_in_shear.ron` by `track --method mle --shape spheroid`.
+"""Jeffery orbits of rods from their images: the period of rods in a shear flow by `track --method mle --shape spheroid`.
 
-    python jeffery.py --out OUT [--count 5] [--frames 40] [--svg jeffery.svg]
+    python jeffery.py --out OUT [--svg jeffery.svg]
+
+An existing result in OUT is used again.
 
 needs `microsig` on the PATH, numpy, pandas, scipy and matplotlib.
 """
@@ -17,8 +19,21 @@ from scipy.optimize import least_squares
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-RATE, E_P, DT = 20.0, 3.0, 0.0125  # 1/s; aspect ratio; s
+RATE, E_P, DT, FRAMES = 20.0, 3.0, 0.025, 24  # 1/s; aspect ratio; s
 PERIOD = 2 * np.pi / RATE * (E_P + 1 / E_P)
+
+SCENARIO = f"""(
+    name: "rods",
+    seed: 5,
+    optics: (magnification: 20, numerical_aperture: 0.45, pixel_size: 6.5, pixel_dim_x: 300, pixel_dim_y: 220, lens: aplanatic,
+             background_mean: 100, background_noise: 40),
+    render: (mode: waves, wavelength_um: 0.56),
+    motion: flow(field: shear(rate_per_s: {RATE}, along: x, across: y, center_um: (0, 0, 12))),
+    particles: (number: count(3), diameter_um: constant(2), spheroids: (e_p: {E_P}, orientation: random)),
+    boundaries: (z_um: (8, 16)),
+    timing: sequence(frames: {FRAMES}, dt_s: {DT}),
+)
+"""
 
 
 def orbit(t, period, e_p, phase, c):
@@ -51,20 +66,18 @@ def fit(tracks):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--count", type=int, default=5)
-    parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--svg", type=Path)
     args = parser.parse_args()
     made, result = args.out / "rods", args.out / "rods.csv"
-    overrides = [f"particles.number=count({args.count})", f"timing.sequence.frames={args.frames}", f"timing.sequence.dt_s={DT}",
-                 "optics=(preset: setting1, background_noise: 10, pixel_dim_x: 400, pixel_dim_y: 300)", "render.spheroids=uniform"]
-    scenario = Path(__file__).parents[2] / "scenarios/spheroids_in_shear.ron"
-    subprocess.run(["microsig", "generate", scenario, "--out", made, "--force", *[word for o in overrides for word in ("--set", o)]], check=True)
-    subprocess.run(["microsig", "track", made, "--method", "mle", "--shape", "spheroid", "--aspect-ratio", str(E_P), "--out", result, "--force"], check=True)
+    args.out.mkdir(parents=True, exist_ok=True)
+    (args.out / "rods.ron").write_text(SCENARIO)
+    if not result.exists():
+        subprocess.run(["microsig", "generate", args.out / "rods.ron", "--out", made, "--force"], check=True)
+        subprocess.run(["microsig", "track", made, "--method", "mle", "--shape", "spheroid", "--aspect-ratio", str(E_P), "--max-displacement", "60", "--out", result], check=True)
     subprocess.run(["microsig", "evaluate", made, result, "--out", args.out / "score", "--force", "--crlb"], check=True)
     rows = pd.read_csv(result)
     tracks = [(g.frame.to_numpy() * DT, g[["axis_x", "axis_y", "axis_z"]].to_numpy(), np.radians(np.hypot(g.axis_sd_deg, g.axis_least_sd_deg)).clip(lower=np.radians(0.3)).to_numpy())
-              for _, g in rows.groupby("track") if len(g) >= 0.5 * args.frames]
+              for _, g in rows.groupby("track") if len(g) >= 8]
     p, sd = fit(tracks)
     print(f"{len(tracks)} tracks: period {p[0]:.4f} +- {sd[0]:.4f} s, of the theory {PERIOD:.4f} s ({100 * (p[0] / PERIOD - 1):+.2f} %); aspect ratio {p[1]:.3f} +- {sd[1]:.3f}")
     if args.svg:
