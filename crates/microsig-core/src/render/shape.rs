@@ -198,16 +198,18 @@ mod tests {
             ..Particle::sphere(60.7, 61.2, z_um, d_um)
         };
         [
-            of(2.0, 4.0, -45.0, [0.7, 0.3, 0.6]),
+            of(2.0, 4.0, -14.0, [0.7, 0.3, 0.6]),
             of(3.0, 4.0, 5.0, [0.2, 0.9, -0.5]),
-            of(0.4, 6.0, -30.0, [0.5, 0.2, 0.8]),
-            of(2.0, 4.0, -20.0, [0.0, 0.0, 1.0]),
+            of(0.4, 6.0, -10.0, [0.5, 0.2, 0.8]),
+            of(2.0, 4.0, -6.0, [0.0, 0.0, 1.0]),
         ]
     }
 
     fn waves(emission: Emission) -> WavesRenderer {
         let optics = WaveOptics { lens: Lens::Aplanatic, emission, ..WaveOptics::new(0.52) };
-        WavesRenderer::new(&settings(), &optics, 1e-3).unwrap()
+        // Light is in whole points, which differences would show.
+        let settings = Settings { points_per_pixel: 1e4, ..settings() };
+        WavesRenderer::new(&settings, &optics, 1e-3).unwrap()
     }
 
     #[test]
@@ -226,8 +228,8 @@ mod tests {
         }
     }
 
-    /// Derivatives of sums of emitters are those of the images themselves, to 1e-3 of the largest one. The number of
-    /// emitters changes with the aspect ratio, so the differences between its images are less exact.
+    /// Derivatives of sums of emitters are those of the images themselves, to 1e-3 of the largest one; that with respect
+    /// to the aspect ratio, to 5e-3: emitters are as many as images need, and their number changes with it.
     #[test]
     fn derivatives_are_those_of_the_image() {
         let renderer = waves(Emission::Surface);
@@ -247,9 +249,8 @@ mod tests {
                 moved.spheroid = Some(Spheroid::from_axis(e_p, axis.to_array()));
                 renderer.shape_gradient(&moved, Some(at.window)).unwrap()
             };
-            let steps =
-                [(0.01, 1e-3), (0.01, 1e-3), (0.02, 1e-3), (0.003, 1e-3), (0.003, 1e-3), (0.012, 3e-3)];
-            for (p, (step, tolerance)) in steps.into_iter().enumerate() {
+            for (p, step) in [0.01, 0.01, 0.02, 0.003, 0.003, 0.01].into_iter().enumerate() {
+                let tolerance = if p == 5 { 5e-3 } else { 1e-3 };
                 let (low, high) = (moved(p, -step), moved(p, step));
                 let (mut worst, mut most) = (0.0f64, 0.0f64);
                 for ((low, high), at) in low.pixels.iter().zip(&high.pixels).zip(&at.pixels) {
