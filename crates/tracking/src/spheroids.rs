@@ -236,7 +236,7 @@ impl Found {
             axis_deviations: [(mean + half).sqrt(), (mean - half).max(0.0).sqrt()],
             uncertain: turn.cos() * u + turn.sin() * v,
             other: self.other,
-            aspect: with_aspect.then(|| (self.pose.e_p, self.pose.e_p * aspect)),
+            aspect: with_aspect.then_some((self.pose.e_p, self.pose.e_p * aspect)),
         };
         let [x_px, y_px] = self.pose.at.map(|at| at + 1.0);
         Localization { x_px, y_px, z_um: Some(self.pose.z_um), shape: Some(shape) }
