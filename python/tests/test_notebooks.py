@@ -34,5 +34,5 @@ def test_notebooks_run(path: Path, tmp_path, monkeypatch):
     assert cells and all(cell.execution_count for cell in cells)
 
 
-def test_there_are_six():
-    assert len(NOTEBOOKS) == 6
+def test_there_are_seven():
+    assert len(NOTEBOOKS) == 7
