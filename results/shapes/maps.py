@@ -32,7 +32,7 @@ for column, (title, table) in enumerate(panels):
     mirror = table.assign(mirror=table.mirror_sd * 100 / table.snr).pivot(index="tilt_deg", columns="z_um", values="mirror")
     for row, (values, norm, label) in enumerate(((angle, LogNorm(0.1, 10), "RMS angle, degrees"), (mirror, LogNorm(1, 1000), "mirrored tilt, sd"))):
         ax = axes[row][column]
-        mesh = ax.pcolormesh(values.columns, values.index, np.clip(values.to_numpy(), norm.vmin, norm.vmax), norm=norm, cmap="viridis_r" if row == 0 else "viridis", shading="nearest")
+        mesh = ax.pcolormesh(values.columns, values.index, np.clip(values.to_numpy(), norm.vmin, norm.vmax), norm=norm, cmap="viridis_r" if row == 0 else "viridis", shading="nearest", rasterized=True)
         if row == 0:
             ax.set_title(title, fontsize=9)
         else:
@@ -42,5 +42,5 @@ for column, (title, table) in enumerate(panels):
             ax.set_ylabel("tilt, degrees")
         if column == len(panels) - 1:
             fig.colorbar(mesh, ax=axes[row], label=label)
-fig.suptitle("At a peak of 100 times the noise: bound of the axis, and how well the two signs of the tilt are told apart (white: 4 sd)", fontsize=9)
+fig.suptitle("At a peak of 100 times the noise: Cramer-Rao bound of the axis, and separation of the two tilt signs (white: 4 sd)", fontsize=9)
 fig.savefig(args.svg)

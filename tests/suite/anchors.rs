@@ -4,14 +4,14 @@
 use serde_json::Value;
 use suite::microsig::{fail, path, run};
 
-/// Trackers of each track; `piv-ensemble` is `piv --ensemble`.
+/// Trackers of each track; `piv-ensemble` is `piv --ensemble`, `mle-spheroid` is `mle --shape spheroid`.
 const TRACKERS: [(&str, &[&str]); 6] = [
     ("P2", &["spots"]),
     ("D3", &["ncc", "mle"]),
     ("A3", &["ncc", "mle", "aptv"]),
     ("T", &["ncc", "mle"]),
     ("V", &["piv", "piv-ensemble"]),
-    ("S", &["ncc"]),
+    ("S", &["ncc", "mle-spheroid"]),
 ];
 
 #[test]
@@ -34,9 +34,10 @@ fn degenerate_results_rank_behind_honest_ones_in_every_case() {
                 let folder = results.join(tracker).join(name).join(case);
                 std::fs::create_dir_all(&folder).unwrap();
                 let (test, file) = (datasets.join(name).join(case).join("test"), folder.join("results.csv"));
-                let (method, more) = match tracker.strip_suffix("-ensemble") {
-                    Some(method) => (method, &["--ensemble"][..]),
-                    None => (*tracker, &[][..]),
+                let (method, more) = match *tracker {
+                    "piv-ensemble" => ("piv", &["--ensemble"][..]),
+                    "mle-spheroid" => ("mle", &["--shape", "spheroid"][..]),
+                    method => (method, &[][..]),
                 };
                 let how = ["track", path(&test), "--method", method, "--out", path(&file), "--quiet"];
                 run(&[&how[..], more].concat());

@@ -212,7 +212,10 @@ impl ParticleShape {
             return Err(Error::input(format!("shape spheroid: expected with method mle, not {method}")));
         }
         match aspect.filter(|aspect| !Self::ASPECTS.contains(aspect)) {
-            Some(aspect) => Err(Error::input(format!("aspect ratio {aspect}: expected 0.1 to 10"))),
+            Some(aspect) => {
+                let (least, most) = Self::ASPECTS.into_inner();
+                Err(Error::input(format!("aspect ratio {aspect}: expected {least} to {most}")))
+            }
             None => Ok(()),
         }
     }

@@ -159,15 +159,9 @@ impl ShapeImages {
     /// The image at brightness 1 on the square of this half width around a pixel, row by row, counts.
     pub(super) fn light(&self, pose: &Pose, middle: [isize; 2], radius: usize) -> Vec<f64> {
         let (particle, window) = self.place(pose, middle, radius);
-        let mut light = vec![0.0; window.area()];
-        let Some(patch) = self.model.renderer.mean_patch(&particle) else { return light };
-        for (i, counts) in patch.counts.iter().enumerate() {
-            let x = patch.window.x0 + (i % patch.window.width) as i64 - window.x0;
-            let y = patch.window.y0 + (i / patch.window.width) as i64 - window.y0;
-            if (0..window.width as i64).contains(&x) && (0..window.height as i64).contains(&y) {
-                light[y as usize * window.width + x as usize] = self.model.unit * counts;
-            }
-        }
+        let patch = self.model.renderer.mean_patch(&particle);
+        let mut light = patch.map_or_else(|| vec![0.0; window.area()], |patch| patch.on(window));
+        light.iter_mut().for_each(|light| *light *= self.model.unit);
         light
     }
 

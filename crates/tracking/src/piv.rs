@@ -29,8 +29,8 @@ pub(super) const METHOD: Method = Method {
     },
 };
 
-/// Particle images per window, over all pairs whose correlations are averaged, below which too many correlation peaks
-/// are wrong (Keane & Adrian 1992, Appl. Sci. Res. 49, 191: five common to both windows give 95 % valid vectors).
+/// Particle images per window, over all pairs whose correlations are averaged, below which many vectors are
+/// spurious (Keane & Adrian 1992, Appl. Sci. Res. 49, 191: five common to both windows give 95 % valid vectors).
 const LEAST_PARTICLES: f64 = 5.0;
 
 /// Warns if the middle image has too few particle images for the windows of the last pass.
@@ -49,14 +49,14 @@ fn warn_of_few_particles(job: &Job) -> Result<()> {
     Ok(())
 }
 
-/// A warning if windows have this few particle images, where correlations of so many pairs are averaged.
+/// A warning if interrogation windows contain too few particle images; correlations of `pairs` image pairs are averaged.
 fn few_particles(per_window: f64, window: usize, pairs: usize) -> Option<String> {
     (per_window * (pairs as f64) < LEAST_PARTICLES).then(|| {
         let all = if pairs > 1 { format!(", {:.1} in all {pairs} pairs", per_window * pairs as f64) } else { String::new() };
         format!(
-            "windows of {window} px contain {per_window:.1} particle images on average{all}; correlation needs about \
-             {LEAST_PARTICLES:.0}, so many vectors are wrong. More particles or, in a steady flow, --ensemble with more pairs \
-             would help"
+            "interrogation windows of {window} px contain {per_window:.1} particle images on average{all}; reliable correlation \
+             peaks need about {LEAST_PARTICLES:.0}, so expect spurious vectors. A higher seeding density or, in steady flow, --ensemble \
+             over more pairs would help"
         )
     })
 }

@@ -1,4 +1,4 @@
-//! Whether the noise of a frame lets images above the focus be told from those below it.
+//! Whether images above and below the focus can be distinguished in the noise of a frame.
 //!
 //! With a spherical lens, images at two depths on either side of the focus resemble each other. For images `a` and `b`
 //! of known brightness and Gaussian noise, the more likely one is the wrong one with probability `Phi(-d / 2)`, where
@@ -9,7 +9,7 @@ use super::denoise::PixelNoise;
 use super::templates::Templates;
 
 /// Below this distance, more than one depth in ten is that of the other side.
-const TOLD_APART: f64 = 2.56;
+const DISTINGUISHABLE: f64 = 2.56;
 
 /// Images of the other side are separated from a depth by images that differ by more than this, and by this factor
 /// more.
@@ -20,7 +20,7 @@ const HIGHER: f64 = 2.0;
 const MANY: f64 = 0.1;
 
 /// A warning if many depths have images that, in frames with this noise and for templates with this relative error,
-/// cannot be told from those of a depth on the other side of the focus.
+/// cannot be distinguished from those of a depth on the other side of the focus.
 pub(super) fn warning(templates: &Templates, noise: PixelNoise, error: f32) -> Option<String> {
     let of_depths = templates.len();
     let guessed: Vec<f64> = (0..of_depths)
@@ -59,13 +59,13 @@ fn distances(templates: &Templates, k: usize, noise: PixelNoise, error: f32) -> 
     (0..templates.len()).map(distance).collect()
 }
 
-/// Whether a depth beyond a barrier has an image that is not told from that at depth `k`.
+/// Whether a depth beyond a barrier has an image that cannot be distinguished from that at depth `k`.
 fn other_side(distances: &[f64], k: usize) -> bool {
     let beyond = |side: &[f64], order: fn(usize, usize) -> usize| {
         let mut highest = 0.0f64;
         (0..side.len()).map(|i| side[order(i, side.len())]).any(|d| {
             highest = highest.max(d);
-            d < TOLD_APART && highest > BARRIER && highest > HIGHER * d
+            d < DISTINGUISHABLE && highest > BARRIER && highest > HIGHER * d
         })
     };
     beyond(&distances[k..], |i, _| i) || beyond(&distances[..k], |i, n| n - 1 - i)

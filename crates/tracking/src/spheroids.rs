@@ -21,7 +21,7 @@ use super::locate::Locator;
 use super::mle::{self, OfSpheroids, ShapeImages};
 use super::output::Output;
 use super::templates::Templates;
-use super::{Localization, ShapeEstimate};
+use super::{Localization, ParticleShape, ShapeEstimate};
 use storage::error::Result;
 
 /// Axes from which starts are chosen, and how many of them; those of templates; and the depths of these.
@@ -474,7 +474,8 @@ impl Fit<'_> {
             at: [pose.at[0] + made[1], pose.at[1] + made[2]],
             z_um,
             axis,
-            e_p: (pose.e_p * made[6].exp()).clamp(0.1, 10.0),
+            e_p: (pose.e_p * made[6].exp())
+                .clamp(*ParticleShape::ASPECTS.start(), *ParticleShape::ASPECTS.end()),
             brightness: pose.brightness + made[0],
         };
         (moved, turned, made)

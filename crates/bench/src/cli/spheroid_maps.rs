@@ -8,6 +8,7 @@ use generator::runner::Progress;
 use scenario::Scenario;
 use scoring::evaluate::crlb::{SpheroidBound, SpheroidBounds};
 use storage::error::{Error, Result};
+use tracking::ParticleShape;
 
 /// Number of depths in the depth range, and of angles between axis and image plane from 0 to 90 degrees.
 const DEPTHS: u32 = 15;
@@ -30,8 +31,9 @@ struct Place {
 
 /// Bounds over depth, tilt and aspect ratio as a table.
 pub(super) fn table(scenario: &Scenario, aspects: &[f64], progress: &Progress) -> Result<Columns> {
-    if let Some(e_p) = aspects.iter().find(|e_p| !(0.1..=10.0).contains(*e_p)) {
-        return Err(Error::input(format!("--aspect-ratios {e_p}: expected 0.1 to 10")));
+    let (least, most) = ParticleShape::ASPECTS.into_inner();
+    if let Some(e_p) = aspects.iter().find(|e_p| !(least..=most).contains(*e_p)) {
+        return Err(Error::input(format!("--aspect-ratios {e_p}: expected {least} to {most}")));
     }
     let of_scenario = scenario.spec.particles.spheroids.map(|spheroids| vec![spheroids.e_p]);
     let aspects = if aspects.is_empty() { of_scenario.unwrap_or(ASPECTS.to_vec()) } else { aspects.to_vec() };

@@ -90,20 +90,22 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let half = options.half_window.unwrap_or_else(|| particles::half_width(scan, background, &candidates));
     let instrument = instrument(options);
     let (subjects, found) = subjects::of(scan, &frames, &instrument, &candidates, half)?;
-    let places: Vec<[f64; 2]> = subjects.iter().map(|subject| subject.place_mm).collect();
+    let middle = |k: usize| subjects[k].place_mm;
     let mut fits: Vec<Fit> = Vec::with_capacity(subjects.len());
     for (k, subject) in subjects.iter().enumerate() {
         watch(&format!("particle {} of {}", k + 1, subjects.len()));
         // The nearest particle that was fitted well is nearly right.
         let nearest = (0..k)
             .filter(|&j| is_good(&fits[j], &fits))
-            .min_by(|&a, &b| distance(places[a], places[k]).total_cmp(&distance(places[b], places[k])));
+            .min_by(|&a, &b| distance(middle(a), middle(k)).total_cmp(&distance(middle(b), middle(k))));
         fits.push(single(subject, nearest.map(|j| fits[j].local))?);
     }
     watch("laws of the field");
     let median = median(fits.iter().map(Fit::chi2).collect());
     let is_single: Vec<bool> = fits.iter().map(|fit| fit.chi2() < DOUBLE * median).collect();
     let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
+    let places: Vec<[f64; 2]> =
+        subjects.iter().zip(&fits).map(|(subject, fit)| subject.place_of(&fit.local)).collect();
     let evidence = |fits: &[Fit]| -> Vec<Evidence> {
         singles.iter().filter_map(|&k| evidence_of(places[k], &fits[k])).collect()
     };

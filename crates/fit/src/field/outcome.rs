@@ -133,7 +133,7 @@ impl Outcome<'_> {
         let repeats = frames.repeats.iter().sum::<usize>() as f64 / frames.repeats.len() as f64;
         let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
         let light: Vec<([f64; 2], f64)> =
-            singles.iter().map(|&k| (subjects[k].place_mm, of_laws[k].light())).collect();
+            singles.iter().map(|&k| (subjects[k].place_of(&fits[k].local), of_laws[k].light())).collect();
         let (light_per_mm2, light_sd) = light_law(&light);
         let mut coefficients = laws.coefficients.clone();
         if singles.len() >= FEWEST {
@@ -151,7 +151,8 @@ impl Outcome<'_> {
             .map(|k| {
                 let window = &subjects[k].window;
                 let local = &fits[k].local;
-                let law = laws.at(subjects[k].place_mm, local);
+                let place_mm = subjects[k].place_of(local);
+                let law = laws.at(place_mm, local);
                 let covariance = fits[k].quadratic.matrix.inverse();
                 let sd = |i: usize| {
                     covariance.as_ref().map_or(f64::NAN, |c| libm::sqrt(fits[k].chi2() * c.at(i, i).max(0.0)))
@@ -159,7 +160,7 @@ impl Outcome<'_> {
                 FieldParticle {
                     x_px: window.column as f64 + 1.0 + local[X],
                     y_px: window.row as f64 + 1.0 + local[Y],
-                    place_mm: subjects[k].place_mm,
+                    place_mm,
                     is_single: is_single[k],
                     chi2: fits[k].chi2(),
                     r2: fits[k].r2(),

@@ -25,7 +25,7 @@ pub(super) struct Subject<'a> {
     pub(super) half: usize,
     /// The planes that are used.
     pub(super) planes: Vec<usize>,
-    /// Place in the field, mm from its center, and the unit vector toward it.
+    /// Place of the middle of the window in the field, mm from its center, and the unit vector toward it.
     pub(super) place_mm: [f64; 2],
     pub(super) toward: [f64; 2],
     /// For each plane that is used, the pixels that are; empty: all.
@@ -99,6 +99,12 @@ const LEAST: f64 = 0.5;
 const LEAST_OF_IMAGE: f64 = 0.2;
 
 impl Subject<'_> {
+    /// Place of the fitted particle in the field, mm from its center.
+    pub(super) fn place_of(&self, local: &Local) -> [f64; 2] {
+        let mm_per_px = 1e-3 / self.instrument.px_per_um();
+        [0, 1].map(|axis| self.place_mm[axis] + local[X + axis] * mm_per_px)
+    }
+
     /// Whether neighbors leave enough of the images.
     pub(super) fn is_clear(&self) -> bool {
         let share = |mask: &Vec<bool>| mask.iter().filter(|used| **used).count() as f64 / mask.len() as f64;

@@ -113,6 +113,19 @@ impl ExpectedPatch {
         self.counts.iter_mut().for_each(|light| *light *= factor);
         self
     }
+
+    /// The light on the pixels of another window, row by row: 0 outside the patch.
+    pub fn on(&self, window: Window) -> Vec<f64> {
+        let mut light = vec![0.0; window.area()];
+        for (i, counts) in self.counts.iter().enumerate() {
+            let x = self.window.x0 + (i % self.window.width) as i64 - window.x0;
+            let y = self.window.y0 + (i / self.window.width) as i64 - window.y0;
+            if (0..window.width as i64).contains(&x) && (0..window.height as i64).contains(&y) {
+                light[y as usize * window.width + x as usize] = *counts;
+            }
+        }
+        light
+    }
 }
 
 #[cfg(test)]
@@ -126,6 +139,14 @@ mod tests {
         assert_eq!(window(0.0, 9.0), Window { x0: 1, y0: 8, width: 2, height: 1 });
         assert_eq!(window(-5.0, 5.0).area(), 0);
         assert_eq!(window(1e300, -1e300).area(), 0);
+    }
+
+    #[test]
+    fn light_on_another_window_is_that_of_the_same_pixels() {
+        let window = Window { x0: 3, y0: 4, width: 2, height: 2 };
+        let patch = ExpectedPatch { window, counts: vec![1.0, 2.0, 3.0, 4.0] };
+        assert_eq!(patch.on(Window { x0: 4, y0: 3, width: 2, height: 2 }), [0.0, 0.0, 2.0, 0.0]);
+        assert_eq!(patch.on(window), patch.counts);
     }
 
     #[test]

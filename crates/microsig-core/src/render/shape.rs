@@ -9,6 +9,7 @@
 use glam::{DMat2, DVec3};
 
 use super::patch::Window;
+use super::waves::spheroid::kink;
 use super::waves::{Emission, bead};
 use crate::emission::area_ratio;
 use crate::particle::{Particle, Spheroid};
@@ -69,7 +70,8 @@ pub(super) fn emitters(
 ) -> (Vec<ShapeEmitter>, [DVec3; 2]) {
     let (axis, e_p) = (DVec3::from_array(spheroid.axis()).normalize(), spheroid.e_p);
     let (u, v) = axis.any_orthonormal_pair();
-    let cloud = Cloud::new(d_um, axis, e_p, of);
+    let numbers = Numbers { rim_phase: of.rim_phase, rings: MORE_RINGS, around: MORE_AROUND };
+    let cloud = Cloud::new(0.5 * d_um, axis, e_p, of.emission, numbers);
     let at = |turn: DVec3, stretch: f64| cloud.points((axis + turn).normalize(), e_p * libm::exp(stretch));
     let pairs = [(u, 0.0), (v, 0.0), (DVec3::ZERO, 1.0)]
         .map(|(turn, stretch)| [-STEP, STEP].map(|by| at(by * turn, by * stretch)));
@@ -122,9 +124,18 @@ pub(super) fn light_by_aspect(e_p: f64) -> f64 {
     (high - low) / (2.0 * STEP)
 }
 
+/// How many emitters there are: those that resolve this phase at the rim, with so many more rings, and emitters around
+/// each.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Numbers {
+    pub(super) rim_phase: f64,
+    pub(super) rings: usize,
+    pub(super) around: f64,
+}
+
 /// Emitters on or in the unit sphere.
-struct Cloud<'a> {
-    of: &'a SpheroidLight,
+pub(super) struct Cloud {
+    emission: Emission,
     radius_um: f64,
     /// The direction about which they are for the spheroid itself, and two directions across it.
     away: DVec3,
@@ -133,11 +144,14 @@ struct Cloud<'a> {
     places: Vec<[f64; 4]>,
 }
 
-impl<'a> Cloud<'a> {
-    fn new(d_um: f64, axis: DVec3, e_p: f64, of: &'a SpheroidLight) -> Self {
+impl Cloud {
+    /// For spheroids about this one.
+    pub(super) fn new(radius_um: f64, axis: DVec3, e_p: f64, emission: Emission, numbers: Numbers) -> Self {
         let mut places = Vec::new();
-        for (k, ring) in bead::rings(of.emission, 1.0, of.rim_phase, MORE_RINGS).into_iter().enumerate() {
-            let n = libm::ceil(2.0 * of.rim_phase * ring.radius_um + MORE_AROUND);
+        let rings = bead::rings(emission, 1.0, numbers.rim_phase, numbers.rings);
+        for (k, ring) in rings.into_iter().enumerate() {
+            let around = 2.0 * numbers.rim_phase * ring.radius_um + numbers.around;
+            let n = libm::ceil(kink(e_p) * around);
             let first = if k % 2 == 0 { 0.0 } else { 0.5 };
             places.extend((0..n as usize).map(|i| {
                 let azimuth = (i as f64 + first) * std::f64::consts::TAU / n;
@@ -146,14 +160,14 @@ impl<'a> Cloud<'a> {
         }
         let away = away(axis, e_p);
         let (right, down) = away.any_orthonormal_pair();
-        Cloud { of, radius_um: 0.5 * d_um, away, across: [right, down], places }
+        Cloud { emission, radius_um, away, across: [right, down], places }
     }
 
     /// Offsets (um) and shares of the emitters of a spheroid with this axis and aspect ratio.
-    fn points(&self, axis: DVec3, e_p: f64) -> Vec<(DVec3, f64)> {
+    pub(super) fn points(&self, axis: DVec3, e_p: f64) -> Vec<(DVec3, f64)> {
         let away = away(axis, e_p);
         let [right, down] = self.across.map(|across| turned(across, self.away, away));
-        let is_surface = self.of.emission == Emission::Surface;
+        let is_surface = self.emission == Emission::Surface;
         let mut points: Vec<(DVec3, f64)> = (self.places.iter())
             .map(|&[depth, radius, share, azimuth]| {
                 let (sine, cosine) = libm::sincos(azimuth);
@@ -212,7 +226,7 @@ mod tests {
         let optics = WaveOptics { lens: Lens::Aplanatic, emission, ..WaveOptics::new(0.52) };
         // Light is in whole points, which differences would show.
         let settings = Settings { points_per_pixel: 1e4, ..settings() };
-        WavesRenderer::new(&settings, &optics, 1e-3).unwrap()
+        WavesRenderer::new(&settings, &optics, 5e-3).unwrap()
     }
 
     #[test]

@@ -238,19 +238,13 @@ impl SpheroidBounds {
     /// brightness, position and depth explain.
     fn difference(&self, image: &ShapeGradient, other: &Particle) -> f64 {
         let Some(patch) = self.renderer.mean_patch(other) else { return f64::INFINITY };
-        let at = |i: usize| {
-            let x = image.window.x0 + (i % image.window.width) as i64 - patch.window.x0;
-            let y = image.window.y0 + (i / image.window.width) as i64 - patch.window.y0;
-            let inside =
-                (0..patch.window.width as i64).contains(&x) && (0..patch.window.height as i64).contains(&y);
-            if inside { patch.counts[y as usize * patch.window.width + x as usize] } else { 0.0 }
-        };
+        let other = patch.on(image.window);
         // The last parameter is the share of the other image: its bound is that share's standard deviation.
         let mut information = [[0.0; 5]; 5];
-        for (i, pixel) in image.pixels.iter().enumerate() {
+        for (pixel, other) in image.pixels.iter().zip(other) {
             let variance = self.noise.background + self.noise.of_light * pixel[0].max(0.0);
             let [light, x, y, z, ..] = *pixel;
-            add(&mut information, &[light, x, y, z, at(i) - light].map(|v| self.noise.slope * v), variance);
+            add(&mut information, &[light, x, y, z, other - light].map(|v| self.noise.slope * v), variance);
         }
         bounds(&information).map_or(0.0, |bound| 1.0 / bound[4])
     }

@@ -33,10 +33,8 @@ mod quadrant;
 mod quadrature;
 mod slices;
 mod sources;
-mod spheroid;
+pub(super) mod spheroid;
 mod zernike;
-
-use glam::{DMat2, DVec2};
 
 use super::instructions::InstructionSet;
 use super::interface::{Description, Render, Traits};
@@ -421,13 +419,11 @@ impl ImageModel for Waves {
 
     fn spheroid_light(&self, spheroid: &Particle) -> Option<SpheroidLight> {
         let e_p = spheroid.spheroid?.e_p;
-        // The image is inverted.
-        let column = |of: [f64; 2]| DVec2::from_array(self.in_image_px(of));
         (!self.model.pupil.has_coma()).then(|| SpheroidLight {
             light: emitted_rays(&self.settings, spheroid),
             emission: self.model.emission,
             rim_phase: self.model.k_sine() * 0.5 * spheroid.d_um * e_p.max(1.0),
-            magnification: DMat2::from_cols(column([-1.0, 0.0]), column([0.0, -1.0])),
+            magnification: self.magnification(),
         })
     }
 

@@ -1,7 +1,9 @@
 //! What is drawn from tables: spheres, and the emitters of spheroids, which are spheres of diameter 0.
 
+use glam::{DMat2, DVec2, DVec3};
+
 use super::Waves;
-use super::spheroid::{self, Emitter, MANY_EMITTERS, MAX_EMITTERS};
+use super::spheroid::{self, MANY_EMITTERS, MAX_EMITTERS};
 use crate::emission::emitted_rays;
 use crate::error::{Error, shown};
 use crate::particle::{Particle, Spheroid};
@@ -62,23 +64,23 @@ impl Waves {
         light: f64,
     ) -> impl Iterator<Item = Source> + use<'a> {
         let model = &self.model;
-        let source = move |Emitter { at: [e1, e2, e3], weight }| {
-            let [x, y] = self.in_image_px([e2, e3]);
-            let at = Particle::sphere(particle.x_px + x, particle.y_px + y, particle.z_um + e1, 0.0);
-            Source { at, light: light * weight, is_direct: false }
+        let magnification = self.magnification();
+        let source = move |(offset_um, share): (DVec3, f64)| {
+            let shift = magnification * offset_um.truncate();
+            let (x_px, y_px) = (particle.x_px + shift.x, particle.y_px + shift.y);
+            let at = Particle::sphere(x_px, y_px, particle.z_um + offset_um.z, 0.0);
+            Source { at, light: light * share, is_direct: false }
         };
         let emitters = spheroid::emitters(0.5 * particle.d_um, spheroid, model.emission, model.k_sine());
         emitters.into_iter().map(source)
     }
 
-    /// Where the image of a point at this offset across the axis from the center of a particle (um, internal axes e2 and
-    /// e3) is from that of the center, px.
-    pub(super) fn in_image_px(&self, [e2, e3]: [f64; 2]) -> [f64; 2] {
-        let [along, across] = self.model.pupil.magnifications().map(|m| m / self.settings.pixel_size);
-        let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
-        // Along the axes of the cylindrical lens and back.
-        let (x, y) = (along * (e2 * cosine + e3 * sine), across * (e3 * cosine - e2 * sine));
-        [x * cosine - y * sine, x * sine + y * cosine]
+    /// Displacement in the image for a displacement in x and y, px/um.
+    pub(super) fn magnification(&self) -> DMat2 {
+        // Images are inverted; the cylindrical lens has axes of its own.
+        let along = self.model.pupil.magnifications().map(|m| -m / self.settings.pixel_size);
+        let turn = DMat2::from_angle(self.optics.cyl_angle_deg.to_radians());
+        turn * DMat2::from_diagonal(DVec2::from_array(along)) * turn.transpose()
     }
 
     /// Points at the depths of the tables that a spheroid needs.

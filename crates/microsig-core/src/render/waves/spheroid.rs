@@ -4,10 +4,12 @@
 //! surface that faces the lens. So the emitters are those of a sphere's rings ([`bead`](super::bead)), spaced
 //! equally in azimuth, and their weights are the areas that the map makes of theirs. A volume stays uniform.
 
-use super::bead::{self, Ring};
+use glam::DVec3;
+
 use super::options::Emission;
-use crate::emission::{Point, Rotation};
+use crate::emission::Rotation;
 use crate::particle::Spheroid;
+use crate::render::shape::{Cloud, Numbers};
 
 /// Azimuths of a ring in addition to two for each period of the light's phase around it.
 const MORE_AZIMUTHS: f64 = 8.0;
@@ -18,14 +20,6 @@ pub(super) const MAX_EMITTERS: f64 = 3e5;
 /// Number of emitters of a spheroid above which there is a warning: an image of it takes seconds.
 pub(super) const MANY_EMITTERS: f64 = 2e4;
 
-/// A point that emits a fraction `weight` of a spheroid's light.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Emitter {
-    /// Its place relative to the center, um, in the internal axes.
-    pub(super) at: Point,
-    pub(super) weight: f64,
-}
-
 /// Approximate number of emitters of a spheroid; `k_sine` as for [`emitters`].
 pub(super) fn number(radius_um: f64, spheroid: &Spheroid, emission: Emission, k_sine: f64) -> f64 {
     let rim_phase = k_sine * radius_um * spheroid.e_p.max(1.0);
@@ -34,46 +28,26 @@ pub(super) fn number(radius_um: f64, spheroid: &Spheroid, emission: Emission, k_
         Emission::Surface => (1.5, 4.0 + 0.8 * rim_phase),
         Emission::Volume => (0.8, (5.0 + rim_phase) * (4.5 + 0.4 * rim_phase)),
     };
-    rings * kink(spheroid) * (mean * rim_phase + MORE_AZIMUTHS)
+    rings * kink(spheroid.e_p) * (mean * rim_phase + MORE_AZIMUTHS)
 }
 
-/// The emitters of a spheroid. `k_sine`: largest wave number across the optical axis that the lens accepts,
-/// 1/um.
-pub(super) fn emitters(radius_um: f64, spheroid: &Spheroid, emission: Emission, k_sine: f64) -> Vec<Emitter> {
-    let (rotation, e_p) = (Rotation::new(spheroid), spheroid.e_p);
-    let rim_phase = k_sine * radius_um * e_p.max(1.0);
-    let rings = bead::rings(emission, 1.0, rim_phase, 1);
-    // Normals are those of the sphere, divided by the axes of the spheroid: they face the lens where their
-    // product with this direction is negative.
-    let away = rotation.inverse([1.0, 0.0, 0.0]);
-    let away = unit([away[0], away[1], away[2] / e_p]);
-    let (right, down) = across(away);
-    let mut emitters = Vec::new();
-    for Ring { depth_um: depth, radius_um: radius, weight } in rings {
-        let n = libm::ceil(kink(spheroid) * (2.0 * rim_phase * radius + MORE_AZIMUTHS)) as usize;
-        emitters.extend((0..n).map(|i| {
-            let (sine, cosine) = libm::sincos((i as f64 + 0.5) * std::f64::consts::TAU / n as f64);
-            let on_sphere: Point =
-                std::array::from_fn(|j| depth * away[j] + radius * (cosine * right[j] + sine * down[j]));
-            let [x, y, z] = on_sphere;
-            let area = match emission {
-                Emission::Surface => libm::sqrt(x * x + y * y + z * z / (e_p * e_p)),
-                Emission::Volume => 1.0,
-            };
-            Emitter {
-                at: rotation.apply([radius_um * x, radius_um * y, radius_um * e_p * z]),
-                weight: weight * area / n as f64,
-            }
-        }));
-    }
-    let total: f64 = emitters.iter().map(|emitter| emitter.weight).sum();
-    emitters.iter_mut().for_each(|emitter| emitter.weight /= total);
-    emitters
+/// The emitters of a spheroid: offsets from its center (um; x right, y down, z away from the lens) and shares of its
+/// light. `k_sine`: largest wave number across the optical axis that the lens accepts, 1/um.
+pub(super) fn emitters(
+    radius_um: f64,
+    spheroid: &Spheroid,
+    emission: Emission,
+    k_sine: f64,
+) -> Vec<(DVec3, f64)> {
+    let axis = DVec3::from_array(spheroid.axis()).normalize();
+    let rim_phase = k_sine * radius_um * spheroid.e_p.max(1.0);
+    let numbers = Numbers { rim_phase, rings: 1, around: MORE_AZIMUTHS };
+    Cloud::new(radius_um, axis, spheroid.e_p, emission, numbers).points(axis, spheroid.e_p)
 }
 
 /// Factor on the number of azimuths: light around the rings of thin discs has a kink at their rim.
-fn kink(spheroid: &Spheroid) -> f64 {
-    (0.1 / spheroid.e_p).clamp(1.0, 4.0)
+pub(in crate::render) fn kink(e_p: f64) -> f64 {
+    (0.1 / e_p).clamp(1.0, 4.0)
 }
 
 /// Half the extent of a spheroid along each of the internal axes, um.
@@ -85,26 +59,6 @@ pub(super) fn half_extents(radius_um: f64, spheroid: &Spheroid) -> [f64; 3] {
         let [x, y, z] = rotation.inverse(direction);
         radius_um * libm::sqrt(x * x + y * y + spheroid.e_p * spheroid.e_p * z * z)
     })
-}
-
-fn unit(v: Point) -> Point {
-    let length = libm::sqrt(v.iter().map(|c| c * c).sum());
-    v.map(|c| c / length)
-}
-
-/// Two unit vectors at right angles to a unit vector and to each other.
-fn across(v: Point) -> (Point, Point) {
-    // The axis that is least along it.
-    let least = (0..3).fold(0, |least, i| if v[i].abs() < v[least].abs() { i } else { least });
-    let mut right = v.map(|c| -c * v[least]);
-    right[least] += 1.0;
-    let right = unit(right);
-    let down = [
-        v[1] * right[2] - v[2] * right[1],
-        v[2] * right[0] - v[0] * right[2],
-        v[0] * right[1] - v[1] * right[0],
-    ];
-    (right, down)
 }
 
 #[cfg(test)]
@@ -130,18 +84,19 @@ mod tests {
             let emitters = emitters(1.0, &spheroid, Emission::Surface, 3.6);
             let extents = half_extents(1.0, &spheroid);
             for axis in 0..3 {
+                // From internal axes: (e1, e2, e3) = (z, -x, -y).
+                let internal = |at: &DVec3| [at.z, -at.x, -at.y][axis];
                 let powers: [fn(f64) -> f64; 2] = [|v| v, |v| v * v];
                 for power in powers {
-                    let of = |at: &Point| power(at[axis]);
-                    let expected = points.iter().map(of).sum::<f64>() / points.len() as f64;
-                    let found: f64 = emitters.iter().map(|emitter| emitter.weight * of(&emitter.at)).sum();
+                    let expected = points.iter().map(|at| power(at[axis])).sum::<f64>() / points.len() as f64;
+                    let found: f64 = emitters.iter().map(|(at, share)| share * power(internal(at))).sum();
                     let scale = power(extents[axis]);
                     assert!(
                         (found - expected).abs() < 2e-4 * scale,
                         "{spheroid:?} {axis}: {found} {expected}"
                     );
                 }
-                let farthest = emitters.iter().map(|emitter| emitter.at[axis].abs()).fold(0.0, f64::max);
+                let farthest = emitters.iter().map(|(at, _)| internal(at).abs()).fold(0.0, f64::max);
                 assert!(farthest <= extents[axis] && farthest > 0.9 * extents[axis], "{axis}: {farthest}");
             }
         }
