@@ -8,7 +8,7 @@ use scoring::results::{Conventions, Format, TrackerResult, read};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 
-const FORMATS: [Option<Format>; 13] = [
+const FORMATS: [Option<Format>; 14] = [
     None,
     Some(Format::Canonical),
     Some(Format::Trackpy),
@@ -17,6 +17,7 @@ const FORMATS: [Option<Format>; 13] = [
     Some(Format::Isbi),
     Some(Format::Defocustracker),
     Some(Format::DefocustrackerAscii),
+    Some(Format::Coco),
     Some(Format::Napari),
     Some(Format::Field),
     Some(Format::Openpiv),
@@ -27,7 +28,7 @@ const FORMATS: [Option<Format>; 13] = [
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let [choice, file @ ..] = bytes else { return };
     let format = FORMATS[usize::from(*choice) % FORMATS.len()];
-    let extension = ["csv", "txt", "xml", "flo"][usize::from(*choice / 16) % 4];
+    let extension = ["csv", "txt", "xml", "flo", "json"][usize::from(*choice / 16) % 5];
     let path: PathBuf = FOLDER.path().join(format!("result.{extension}"));
     std::fs::write(&path, file).unwrap();
     let given = Conventions {

@@ -84,10 +84,10 @@ fn mle_is_more_precise_and_gives_the_same_bytes_for_any_number_of_threads() {
         assert_tracks(&score(folder.path(), "mle"), preset, [0.9, 0.9, 0.1, 0.006]);
     }
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), "dataset", &defocused("setting1", 4, 2));
+    generate(folder.path(), "dataset", &defocused("setting1", 4, 1));
     let dataset = folder.path().join("dataset");
     for method in ["ncc", "mle"] {
-        let results = ["1", "2", "7"].map(|threads| {
+        let results = ["1", "7"].map(|threads| {
             let out = folder.path().join(format!("{method}_{threads}.csv"));
             let run_with = ["--out", path(&out), "--threads", threads, "--json"];
             let said = run(&[&["track", path(&dataset), "--method", method][..], &run_with].concat());
@@ -167,7 +167,7 @@ fn mle_measures_the_axes_of_spheroids() {
 }
 
 /// A focus that is tilted by 4 um from the middle of the field to its ends: the optics of the middle would be off by
-/// a tenth of the depth range.
+/// a third of the depth range.
 #[test]
 fn mle_fits_each_particle_by_the_optics_at_its_place() {
     let folder = tempfile::tempdir().unwrap();
@@ -176,15 +176,17 @@ fn mle_fits_each_particle_by_the_optics_at_its_place() {
         optics: (magnification: 10, numerical_aperture: 0.3, pixel_size: 6.5, pixel_dim_x: 200, pixel_dim_y: 160,
                  cyl_focal_length: 0, lens: aplanatic, blur_um: 0.4,
                  field: (focus: (tilt_um_per_mm: (60, 0)), chief_ray: (slope: (0.02, 0), per_mm: 0.3))),
-        render: (mode: waves, wavelength_um: 0.6, emission: volume),
-        particles: (number: count(4)), boundaries: (z_um: (6, 30)),
+        render: (mode: waves, wavelength_um: 0.6, emission: volume, tolerance: 0.01),
+        particles: (number: count(4)), boundaries: (z_um: (6, 18)),
         motion: flow(field: poiseuille(max_speed_um_s: 300)), timing: pairs(count: 2, dt_s: 0.002),
     )"#;
     generate(folder.path(), "dataset", scenario);
     assert_tracks(&score(folder.path(), "mle"), "tilted", [0.9, 0.9, 0.05, 0.005]);
     let by_rays = scenario
         .replace("lens: aplanatic,", "points_per_pixel: 8,")
-        .replace("mode: waves, wavelength_um: 0.6, emission: volume", "mode: expected");
+        .replace("(6, 18)", "(6, 30)")
+        .replace("pairs(count: 2", "pairs(count: 1")
+        .replace("mode: waves, wavelength_um: 0.6, emission: volume, tolerance: 0.01", "mode: expected");
     let folder = tempfile::tempdir().unwrap();
     generate(folder.path(), "dataset", &by_rays);
     // With the same optics everywhere, these images have the same errors: 0.09 px, and 0.016 of the depth range.
@@ -244,7 +246,7 @@ fn aptv_finds_astigmatic_particles_and_their_depth() {
 fn mixtures_of_sizes_are_tracked_with_a_stack_for_each() {
     let folder = tempfile::tempdir().unwrap();
     let mixed = |calibration: &str| {
-        let text = defocused("setting1", 8, 6);
+        let text = defocused("setting1", 8, 3);
         let text = text.replace("number: count(8)", "number: count(8), diameter_um: list([(2, 3), (5, 1)])");
         text.replace("timing:", &format!("{calibration} timing:"))
     };

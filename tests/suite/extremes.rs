@@ -9,6 +9,9 @@ use std::time::{Duration, Instant};
 
 use suite::microsig::{fail, microsig, path, run};
 
+#[cfg(unix)]
+use crate::trial::ends;
+
 const SCENARIO: &str = r#"(
     name: "small",
     optics: (pixel_dim_x: 90, pixel_dim_y: 70, points_per_pixel: 4),
@@ -247,7 +250,7 @@ fn nothing_is_written_into_a_dataset() {
 }
 
 /// A gray TIFF with as many pages as asked for, each of one strip.
-fn tiff(pages: usize, (width, height): (u16, u16)) -> Vec<u8> {
+pub(crate) fn tiff(pages: usize, (width, height): (u16, u16)) -> Vec<u8> {
     let mut bytes = b"II*\0".to_vec();
     bytes.extend(8u32.to_le_bytes());
     let size = u32::from(width) * u32::from(height);
@@ -369,55 +372,84 @@ fn the_lines_on_optics_are_of_the_diameters_that_tracks_tell() {
     assert_eq!(sizes, [5.0, 7.0]);
 }
 
-/// Names of files that a dataset and a challenge have: a pipe in the place of each must not be waited for.
+/// A pipe in the place of a file must not be waited for.
 #[cfg(unix)]
 #[test]
 fn pipes_in_the_place_of_files_are_refused_in_time() {
     let place = tempfile::tempdir().unwrap();
+    let make = |file: &Path| {
+        assert!(std::process::Command::new("mkfifo").arg(file).status().unwrap().success());
+    };
     let pipe = place.path().join("pipe");
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    make(&pipe);
     let (settings, dataset) = (DATASET.1.join("settings.txt"), path(&DATASET.1));
     let (pipe, out) = (path(&pipe), place.path().join("out"));
     let in_time = |words: &[&str]| {
-        let mut child = microsig().args(words).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        let begun = Instant::now();
-        while child.try_wait().unwrap().is_none() && begun.elapsed() < Duration::from_secs(30) {
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        // Does nothing if it has ended.
-        child.kill().unwrap();
-        let code = child.wait().unwrap().code();
+        let (code, message) = ends(words);
         // `verify` tells a damaged dataset with 1, and scores do not need every file.
         let least = i32::from(words[0] != "evaluate");
-        assert!(code.is_some_and(|code| (least..=2).contains(&code)), "{words:?}: {code:?}; none: it waited");
+        assert!(code.is_some_and(|code| (least..=2).contains(&code)), "{words:?}: {code:?} {message}");
+        (code, message)
     };
+    let refused = |words: &[&str]| {
+        let (code, message) = in_time(words);
+        let named = message.contains("pipe") || message.contains("expected a file");
+        assert!(code == Some(2) && named, "{words:?}: {code:?} {message}");
+    };
+    let scan = ["--magnification", "10", "--pixel-size", "6.5", "--z-step", "1", "--out", path(&out)];
+    let planes = place.path().join("planes");
+    std::fs::create_dir(&planes).unwrap();
+    make(&planes.join("a.tif"));
     for words in [
-        vec!["generate", pipe, "--dry-run"],
         vec!["sweep", pipe, "--list"],
-        vec!["optics", pipe],
         vec!["render", pipe, pipe, path(&out)],
         vec!["render", path(&settings), pipe, path(&out)],
+        [&["fit", pipe], &scan[..]].concat(),
+        [&["fit", path(&planes)], &scan[..]].concat(),
+    ] {
+        refused(&words);
+    }
+    for words in [
+        vec!["generate", pipe, "--dry-run"],
+        vec!["optics", pipe],
         vec!["evaluate", dataset, pipe],
         vec!["evaluate", pipe, pipe],
         vec!["check-submission", dataset, pipe],
         vec!["compare", pipe, "--out", path(&out)],
-        vec!["fit", pipe, "--out", path(&out)],
         vec!["verify", pipe],
     ] {
         in_time(&words);
     }
+    // Named by a scenario.
+    for (from, to) in [
+        ("pixel_dim_x: 90, pixel_dim_y: 70, points_per_pixel: 4", format!("settings: {pipe:?}")),
+        ("field: poiseuille()", format!("field: gridded(file: {pipe:?})")),
+        ("flow(field: poiseuille())", format!("tracks(file: {pipe:?})")),
+    ] {
+        let scenario = write(place.path(), "pipe.ron", SCENARIO.replace(from, &to).as_bytes());
+        refused(&["generate", path(&scenario), "--out", path(&out)]);
+    }
     // Within a dataset.
     let copy = place.path().join("copy");
     run(&["generate", path(&DATASET.1.join("scenario.ron")), "--out", path(&copy), "--quiet"]);
-    for name in ["SHA256SUMS", "datapackage.json", "truth/tracks.csv", "truth/frames.csv", "scenario.ron"] {
+    let instead = |name: &str, test: &dyn Fn()| {
         let (file, aside) = (copy.join(name), place.path().join("aside"));
         std::fs::rename(&file, &aside).unwrap();
-        assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
-        in_time(&["verify", path(&copy)]);
-        in_time(&["evaluate", path(&copy), path(&copy.join("truth/tracks.csv")), "--crlb"]);
+        make(&file);
+        test();
         std::fs::remove_file(&file).unwrap();
         std::fs::rename(&aside, &file).unwrap();
+    };
+    for name in ["SHA256SUMS", "datapackage.json", "truth/tracks.csv", "truth/frames.csv", "scenario.ron"] {
+        instead(name, &|| {
+            in_time(&["verify", path(&copy)]);
+            in_time(&["evaluate", path(&copy), path(&copy.join("truth/tracks.csv")), "--crlb"]);
+        });
     }
+    let found = place.path().join("found.csv");
+    instead("images/frame_00000.tif", &|| {
+        refused(&["track", path(&copy), "--method", "spots", "--out", path(&found)]);
+    });
 }
 
 #[test]

@@ -1,5 +1,4 @@
-//! Robustness: killed runs, full disks, damaged datasets. `cargo xtask robustness`, `disk` and `memory` are
-//! the long versions.
+//! Robustness: killed runs, full disks, damaged datasets. `campaigns.rs` repeats the first two many times.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -21,7 +20,7 @@ fn files_in(folder: &Path) -> usize {
 }
 
 /// Starts a run, waits until `ready` and kills it; `false` if it ended before.
-fn kill_when(arguments: &[&str], ready: impl Fn() -> bool) -> bool {
+pub(crate) fn kill_when(arguments: &[&str], ready: impl Fn() -> bool) -> bool {
     let mut child = microsig().arg("--quiet").args(arguments).stdout(Stdio::null()).spawn().unwrap();
     loop {
         if child.try_wait().unwrap().is_some() {
@@ -92,10 +91,10 @@ fn killed_shards_of_a_sweep_go_on_to_the_same_bytes() {
     assert!(suite::tree(&out).unwrap() == suite::tree(&whole).unwrap());
 }
 
-/// Runs the command with a limit on file size, which acts like a full disk: a write fails.
+/// Runs the command with a limit of the shell. `-f` acts like a full disk: a write fails.
 #[cfg(unix)]
-fn limited(kilobytes: u32, arguments: &[&str]) -> (Option<i32>, String) {
-    let script = format!("ulimit -f {}; exec \"$@\"", kilobytes * 2);
+pub(crate) fn limited(limit: &str, arguments: &[&str]) -> (Option<i32>, String) {
+    let script = format!("ulimit {limit}; exec \"$@\"");
     let output =
         Command::new("sh").args(["-c", &script, "sh"]).arg(binary()).args(arguments).output().unwrap();
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
@@ -129,7 +128,7 @@ fn what_cannot_be_written_is_said_and_leaves_no_result() {
         (&release, 50),
         (&release, 1),
     ] {
-        let (code, message) = limited(kilobytes, arguments);
+        let (code, message) = limited(&format!("-f {}", 2 * kilobytes), arguments);
         assert_eq!(code, Some(1), "{arguments:?}: {message}");
         assert!(message.starts_with("error: ") && message.contains("File too large"), "{message}");
         assert!(message.contains(path(place.path())), "no path: {message}");

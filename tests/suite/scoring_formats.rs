@@ -411,10 +411,10 @@ fn hostile_files_are_refused_within_a_gigabyte() {
             assert!(message.contains("308") || message.contains("inf"), "{name} with 1e308: {message}");
         }
         for part in 1..8 {
-            let (code, message) = run(whole[..part * whole.len() / 8].to_vec());
+            std::fs::write(&file, &whole[..part * whole.len() / 8]).unwrap();
             // Only a file truncated between two lines is a valid, shorter table.
-            assert!(code == Some(2) || code == Some(0), "{name}, {part}/8 of it: {code:?} {message}");
-            assert!(!name.ends_with(".flo") || code == Some(2), "{name}, {part}/8 of it: {message}");
+            let read = read(&file, &given());
+            assert!(!name.ends_with(".flo") || read.is_err(), "{name}, {part}/8 of it");
         }
     }
     // A header that claims a billion rows is refused without allocating memory.

@@ -1,7 +1,7 @@
 //! Faults that users found who had seen neither the code nor its tests.
 
 use std::io::{Cursor, Write};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use serde_json::Value;
 use suite::microsig::{fail, generate, microsig, path, run, write};
@@ -55,7 +55,7 @@ fn ghosts_at_the_border_are_not_scored() {
 }
 
 /// A run that must end by itself; it is stopped after a minute.
-fn ends(arguments: &[&str]) -> (Option<i32>, String) {
+pub(crate) fn ends(arguments: &[&str]) -> (Option<i32>, String) {
     let mut child = microsig()
         .args(arguments)
         .stdin(Stdio::null())
@@ -73,45 +73,6 @@ fn ends(arguments: &[&str]) -> (Option<i32>, String) {
     child.kill().unwrap();
     child.wait().unwrap();
     (None, format!("{arguments:?} does not end"))
-}
-
-#[test]
-fn pipes_are_refused_wherever_a_file_is_read() {
-    let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), "dataset", DENSE);
-    let pipe = |name: &str| {
-        let pipe = place.path().join(name);
-        std::fs::create_dir_all(pipe.parent().unwrap()).unwrap();
-        let _ = std::fs::remove_file(&pipe);
-        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        pipe
-    };
-    let (settings, grid, tracks) = (pipe("settings.txt"), pipe("grid.npy"), pipe("tracks.csv"));
-    let refused = |arguments: &[&str]| {
-        let (code, message) = ends(arguments);
-        assert_eq!(code, Some(2), "{arguments:?}: {message}");
-        assert!(message.contains("pipe") || message.contains("expected a file"), "{arguments:?}: {message}");
-    };
-    let out = place.path().join("out");
-    let data = dataset.join("particles/frame_00000.txt");
-    refused(&["render", path(&settings), path(&data), path(&out)]);
-    refused(&["sweep", path(&grid), "--list"]);
-    let scan = ["--magnification", "10", "--pixel-size", "6.5", "--z-step", "1", "--out", path(&out)];
-    refused(&[&["fit", path(&pipe("scan.tif"))], &scan[..]].concat());
-    pipe("planes/a.tif");
-    refused(&[&["fit", path(&place.path().join("planes"))], &scan[..]].concat());
-    for (from, to) in [
-        ("gaussian: ()", format!("settings: {:?}", settings)),
-        ("field: uniform(velocity_um_s: (100, 0, 0))", format!("field: gridded(file: {:?})", grid)),
-        ("flow(field: uniform(velocity_um_s: (100, 0, 0)))", format!("tracks(file: {:?})", tracks)),
-    ] {
-        let scenario = write(place.path(), "pipe.ron", &DENSE.replace(from, &to));
-        refused(&["generate", path(&scenario), "--out", path(&out)]);
-    }
-    let image = dataset.join("images/frame_00000.tif");
-    std::fs::remove_file(&image).unwrap();
-    pipe("dataset/images/frame_00000.tif");
-    refused(&["track", path(&dataset), "--method", "spots", "--out", path(&place.path().join("found.csv"))]);
 }
 
 #[test]

@@ -3,11 +3,11 @@
 
 mod baselines;
 mod bench;
+mod emulation;
 mod figures;
 mod golden;
 mod leaderboard;
 mod man;
-mod robustness;
 mod shipped;
 
 use std::path::PathBuf;
@@ -88,31 +88,6 @@ enum Task {
         #[arg(long, default_value = "target/man")]
         out: PathBuf,
     },
-    /// Attacks the command with changed inputs of every kind, pairs of runs into one folder, and killed runs
-    /// that are resumed; exit code 1 if anything is found. A number of 0 skips a part.
-    Robustness {
-        /// Output folder of mutations.md, pairs.md, kill.md and kill.csv.
-        #[arg(long, default_value = "target/robustness")]
-        out: PathBuf,
-        /// Number of changed inputs of each kind.
-        #[arg(long, default_value_t = 1000)]
-        mutations: u32,
-        /// Number of pairs of runs, with random offsets, for each command that writes a folder.
-        #[arg(long, default_value_t = 200)]
-        pairs: u32,
-        /// Number of kills for each kind of run.
-        #[arg(long, default_value_t = 50)]
-        kills: u32,
-        /// Seed of the changes and offsets.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-    },
-    /// Runs every writing command on a full disk (needs root).
-    Disk {
-        /// Output folder of disk.md.
-        #[arg(long, default_value = "target/robustness")]
-        out: PathBuf,
-    },
     /// Generates the golden scenarios on emulated processors (qemu-user), takes a few minutes; exit code 1 if
     /// bytes differ.
     Emulation {
@@ -122,15 +97,6 @@ enum Task {
         /// Only these scenarios.
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
-    },
-    /// Compares the peak memory of a long sequence with that of 100 frames; exit code 1 if it grows.
-    Memory {
-        /// Output folder of memory.md.
-        #[arg(long, default_value = "target/robustness")]
-        out: PathBuf,
-        /// Frames of the long sequence.
-        #[arg(long, default_value_t = 10_000)]
-        frames: u32,
     },
     /// Generates every shipped scenario and sweep twice at full size; exit code 1 if one differs.
     Scenarios {
@@ -144,12 +110,6 @@ enum Task {
         /// Make screenshots of all pages in this folder instead.
         #[arg(long, value_name = "DIR")]
         shots: Option<PathBuf>,
-    },
-    /// Runs a sweep as job arrays on a real single-machine Slurm (needs root and an installed Slurm).
-    Slurm {
-        /// Output folder of README.md.
-        #[arg(long, default_value = "target/slurm")]
-        out: PathBuf,
     },
     /// Draws the figures of the documentation: those of the paper, all velocity fields, the effects of
     /// scenario keys.
@@ -185,17 +145,11 @@ fn main() -> anyhow::Result<ExitCode> {
         }
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
         Task::Man { out } => man::run(&out).map(|()| ExitCode::SUCCESS),
-        Task::Robustness { out, mutations, pairs, kills, seed } => {
-            robustness::run(&out, (mutations, pairs, kills), seed)
-        }
-        Task::Disk { out } => robustness::disk::run(&out),
-        Task::Emulation { out, only } => robustness::emulation::run(&out, &only),
-        Task::Memory { out, frames } => robustness::memory::run(&out, frames),
+        Task::Emulation { out, only } => emulation::run(&out, &only),
         Task::Scenarios { out } => shipped::run(&out),
         Task::WebTest { shots } => {
             suite::web::run(&suite::process::microsig()?, shots.as_deref()).map(|()| ExitCode::SUCCESS)
         }
-        Task::Slurm { out } => robustness::slurm::run(&out),
         Task::Figures { kind, out, redraw } => {
             figures::run(kind, out.as_deref(), redraw).map(|()| ExitCode::SUCCESS)
         }
