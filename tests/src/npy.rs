@@ -1,9 +1,8 @@
-//! Arrays in NumPy's format, as f64.
+//! Arrays in NumPy's format (`numpy.lib.format`), as f64.
 
 use std::path::Path;
 
-use anyhow::{Context, bail};
-use npyz::{DType, NpyFile, Order, TypeChar};
+use anyhow::{Context, bail, ensure};
 
 /// An array of one or two dimensions in row-major order.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,25 +16,30 @@ pub struct Array {
 /// Reads an array of floating-point or unsigned 16-bit numbers.
 pub fn read(path: &Path) -> anyhow::Result<Array> {
     let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
-    let file = NpyFile::new(&bytes[..])?;
-    let shape = match *file.shape() {
-        [n] => (1, n as usize),
-        [rows, columns] => (rows as usize, columns as usize),
-        ref other => bail!("{}: {} dimensions", path.display(), other.len()),
+    parse(&bytes).with_context(|| path.display().to_string())
+}
+
+fn parse(bytes: &[u8]) -> anyhow::Result<Array> {
+    ensure!(bytes.len() > 10 && bytes.starts_with(b"\x93NUMPY\x01"), "not an array of version 1");
+    let (header, data) = bytes[10..].split_at(usize::from(u16::from_le_bytes([bytes[8], bytes[9]])));
+    // A Python dictionary: {'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), }.
+    let header = std::str::from_utf8(header)?;
+    let value = |key: &str| Some(header.split_once(&format!("'{key}': "))?.1);
+    let shape = value("shape").and_then(|text| text.split(['(', ')']).nth(1)).context("shape")?;
+    let shape: Vec<usize> = shape.split(',').filter_map(|size| size.trim().parse().ok()).collect();
+    let (rows, columns) = match shape[..] {
+        [n] => (1, n),
+        [rows, columns] => (rows, columns),
+        _ => bail!("{} dimensions", shape.len()),
     };
-    let DType::Plain(kind) = file.dtype() else { bail!("{}: a structured array", path.display()) };
-    let by_columns = file.order() == Order::Fortran;
-    let stored: Vec<f64> = match (kind.type_char(), kind.size_field()) {
-        (TypeChar::Float, 4) => file.into_vec::<f32>()?.into_iter().map(f64::from).collect(),
-        (TypeChar::Float, 8) => file.into_vec::<f64>()?,
-        (TypeChar::Uint, 2) => file.into_vec::<u16>()?.into_iter().map(f64::from).collect(),
-        other => bail!("{}: type {other:?}", path.display()),
+    let stored: Vec<f64> = match value("descr").and_then(|text| text.get(1..4)) {
+        Some("<f4") => data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b).into()).collect(),
+        Some("<f8") => data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect(),
+        Some("<u2") => data.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b).into()).collect(),
+        other => bail!("type {other:?}"),
     };
-    let (rows, columns) = shape;
-    let values = if by_columns {
-        (0..rows * columns).map(|i| stored[(i % columns) * rows + i / columns]).collect()
-    } else {
-        stored
-    };
-    Ok(Array { shape, values })
+    ensure!(stored.len() == rows * columns, "{} values in {rows} x {columns}", stored.len());
+    let by_columns = value("fortran_order").is_some_and(|text| text.starts_with("True"));
+    let at = |i: usize| if by_columns { stored[(i % columns) * rows + i / columns] } else { stored[i] };
+    Ok(Array { shape: (rows, columns), values: (0..stored.len()).map(at).collect() })
 }

@@ -90,6 +90,13 @@ fn failed(e: impl std::fmt::Display) -> Error {
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
+/// A chart with space for its labels.
+fn chart_on<'a, 'b>(area: &'a Area<'b>) -> ChartBuilder<'a, 'b, SVGBackend<'b>> {
+    let mut chart = ChartBuilder::on(area);
+    chart.margin(12).x_label_area_size(BELOW).y_label_area_size(LEFT);
+    chart
+}
+
 fn draw(title: &str, size: (u32, u32), with: impl FnOnce(&Area<'_>) -> Result<()>) -> Result<String> {
     let mut svg = String::new();
     {
@@ -130,7 +137,7 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
 }
 
 macro_rules! mesh {
-    ($chart:expr, $labels:expr) => {
+    ($chart:expr, $labels:expr $(, $setting:ident($($value:expr)?))*) => {
         let (x_range, y_range) = ($chart.x_range(), $chart.y_range());
         $chart
             .configure_mesh()
@@ -145,6 +152,7 @@ macro_rules! mesh {
             .y_labels(6)
             .x_label_formatter(&|x| tick_label(*x, &x_range))
             .y_label_formatter(&|y| tick_label(*y, &y_range))
+            $(.$setting($($value)?))*
             .draw()
             .map_err(failed)?
     };
@@ -196,12 +204,7 @@ pub(crate) fn lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<String
     let (x0, x1) = range(all_points(series).map(|p| p.0), false);
     let (y0, y1) = range(all_points(series).map(|p| p.1), true);
     draw(labels.title, SIZE, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .x_label_area_size(BELOW)
-            .y_label_area_size(LEFT)
-            .build_cartesian_2d(x0..x1, y0..y1)
-            .map_err(failed)?;
+        let mut chart = chart_on(area).build_cartesian_2d(x0..x1, y0..y1).map_err(failed)?;
         mesh!(chart, labels);
         draw_all!(chart, series);
         Ok(())
@@ -229,10 +232,7 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
     };
     let ((x0, x1), (y0, y1)) = (decades(|p| p.0), decades(|p| p.1));
     draw(labels.title, SIZE, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .x_label_area_size(BELOW)
-            .y_label_area_size(LEFT)
+        let mut chart = chart_on(area)
             .build_cartesian_2d(
                 (x0..x1).log_scale().with_key_points(log_ticks(x0, x1)),
                 (y0..y1).log_scale().with_key_points(log_ticks(y0, y1)),
@@ -254,10 +254,7 @@ pub(crate) fn lines_over_log(labels: &AxisLabels<'_>, series: &[Series], values:
     let (y0, y1) = range(all_points(series).map(|p| p.1), true);
     let ticks = values.iter().copied().step_by(values.len().div_ceil(ACROSS)).collect();
     draw(labels.title, SIZE, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .x_label_area_size(BELOW)
-            .y_label_area_size(LEFT)
+        let mut chart = chart_on(area)
             .build_cartesian_2d((x0..x1).log_scale().with_key_points(ticks), y0..y1)
             .map_err(failed)?;
         mesh!(chart, labels);
@@ -279,12 +276,7 @@ pub(super) fn bars(labels: &AxisLabels<'_>, bars: &[(f64, f64, f64)]) -> Result<
     let (x0, x1) = range(bars.iter().flat_map(|b| [b.0, b.1]), false);
     let (_, y1) = range(bars.iter().map(|b| b.2), true);
     draw(labels.title, SIZE, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .x_label_area_size(BELOW)
-            .y_label_area_size(LEFT)
-            .build_cartesian_2d(x0..x1, 0.0..y1.max(1e-9))
-            .map_err(failed)?;
+        let mut chart = chart_on(area).build_cartesian_2d(x0..x1, 0.0..y1.max(1e-9)).map_err(failed)?;
         mesh!(chart, labels);
         chart
             .draw_series(bars.iter().map(|b| {
@@ -300,27 +292,10 @@ pub(super) fn bars(labels: &AxisLabels<'_>, bars: &[(f64, f64, f64)]) -> Result<
 pub(super) fn classes(labels: &AxisLabels<'_>, names: &[&str], series: [&[usize]; 2]) -> Result<String> {
     let most = series.iter().copied().flatten().copied().max().unwrap_or(0).max(1) as f64;
     draw(labels.title, SIZE, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .x_label_area_size(BELOW)
-            .y_label_area_size(LEFT)
-            .build_cartesian_2d(0.0..names.len() as f64, 0.0..1.05 * most)
-            .map_err(failed)?;
-        chart
-            .configure_mesh()
-            .axis_style(INK)
-            .bold_line_style(GRID)
-            .light_line_style(TRANSPARENT)
-            .label_style(("sans-serif", TICKS, &INK))
-            .axis_desc_style(("sans-serif", NAMES, &INK))
-            .x_desc(labels.x)
-            .y_desc(labels.y)
-            .x_labels(0)
-            .y_labels(6)
-            .y_label_formatter(&|y| tick_label(*y, &(0.0..most)))
-            .disable_x_mesh()
-            .draw()
-            .map_err(failed)?;
+        let mut chart =
+            chart_on(area).build_cartesian_2d(0.0..names.len() as f64, 0.0..1.05 * most).map_err(failed)?;
+        let of_count = |y: &f64| tick_label(*y, &(0.0..most));
+        mesh!(chart, labels, x_labels(0), y_label_formatter(&of_count), disable_x_mesh());
         for (k, counts) in series.iter().enumerate() {
             let color = SERIES[k];
             let left = 0.1 + 0.4 * k as f64;
@@ -371,10 +346,7 @@ pub(super) fn sensor_map(
     draw(labels.title, page_size(size_px, BAR), |area| {
         let (width, _) = area.dim_in_pixel();
         let (left, right) = area.split_horizontally(width - BAR);
-        let mut chart = ChartBuilder::on(&left)
-            .margin(12)
-            .x_label_area_size(BELOW)
-            .y_label_area_size(LEFT)
+        let mut chart = chart_on(&left)
             .build_cartesian_2d(0.5..size_px.0 + 0.5, (size_px.1 + 0.5)..0.5)
             .map_err(failed)?;
         mesh!(chart, labels);
@@ -413,10 +385,7 @@ pub(super) fn sensor(labels: &AxisLabels<'_>, size_px: (f64, f64), marks: &Marks
     let aspect = (size_px.1 / size_px.0).clamp(0.3, 1.5);
     let size = (SIZE.0, (f64::from(SIZE.0 - 100) * aspect) as u32 + 70);
     draw(labels.title, size, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .x_label_area_size(BELOW)
-            .y_label_area_size(LEFT)
+        let mut chart = chart_on(area)
             .build_cartesian_2d(0.5..size_px.0 + 0.5, (size_px.1 + 0.5)..0.5)
             .map_err(failed)?;
         mesh!(chart, labels);

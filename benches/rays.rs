@@ -1,6 +1,6 @@
 //! Cost of one particle with the ray-counting renderer: per particle, per emitted ray, per traced ray.
 //!
-//! Run with `cargo bench -p microsig-core`. Throughput is reported twice: elements of `emitted` are all rays
+//! Run with `cargo bench --manifest-path benches/Cargo.toml --bench rays`. Throughput is reported twice: elements of `emitted` are all rays
 //! that the source points emit toward the lens side, elements of `traced` only those that the kernel traces.
 
 use std::hint::black_box;

@@ -1,7 +1,7 @@
 //! Every field of the registry against its claimed properties, in one table of fields x checks.
 //!
 //! Where a check does not apply to a field, the table gives the reason. `cargo test -p flows --test
-//! conformance -- --nocapture` prints it.
+//! all conformance:: -- --nocapture` prints it.
 #![expect(clippy::print_stdout, reason = "the table of fields x checks, for `--nocapture`")]
 
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};

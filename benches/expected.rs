@@ -1,6 +1,6 @@
 //! Cost of expected images: drawing particles from existing tables, and building tables.
 //!
-//! Run with `cargo bench -p microsig-core --bench expected`.
+//! Run with `cargo bench --manifest-path benches/Cargo.toml --bench expected`.
 
 use std::hint::black_box;
 

@@ -1,6 +1,6 @@
 //! Cost per image independent of the number of particles, and of Gaussian spots, on one thread.
 //!
-//! Run with `cargo bench -p microsig-core --bench images`.
+//! Run with `cargo bench --manifest-path benches/Cargo.toml --bench images`.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use microsig_core::formats::tiff::{self, PixelScale};
