@@ -128,7 +128,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
         bar.inc(1);
         Ok::<(), Error>(())
     })?;
-    bar.finish_and_clear();
+    bar.finish();
     if let Some(partial) = partial {
         partial.finish_without_journal(Earlier::new(MANIFEST, false))?;
     }
