@@ -45,6 +45,10 @@ fn a_dash_is_standard_input_or_output() {
     assert!(here(&["optics", "-", "--plot", "-"], SCENARIO).0.starts_with("<svg"));
     assert!(here(&["flows", "uniform", "--plot", "-"], "").0.starts_with("<svg"));
 
+    let particles = std::fs::read_to_string(dataset.join("particles/pair_00000_a.txt")).unwrap();
+    here(&["render", "dataset/settings.txt", "-", "rendered"], &particles);
+    assert!(place.path().join("rendered/image.tif").is_file());
+
     let (rows, said) = here(&["track", "dataset", "--method", "ncc", "-o", "-"], "");
     assert!(rows.starts_with("frame,") && said.contains(" rows from 2 frames"), "{said}");
     let (scores, _) = here(&["evaluate", "dataset", "-", "--json"], &rows);
@@ -56,7 +60,16 @@ fn a_dash_is_standard_input_or_output() {
 
     here(&["evaluate", "dataset", "rows.csv", "-o", "scores", "-q"], "");
     let score = std::fs::read_to_string(place.path().join("scores/score.json")).unwrap();
-    assert!(here(&["compare", "-", "-o", "board"], &score).0.contains("particles_3d"), "{score}");
+    here(&["compare", "-", "-o", "board"], &score);
+    let board = std::fs::read_to_string(place.path().join("board/leaderboard.csv")).unwrap();
+    assert!(
+        board.lines().count() == 2
+            && board.contains(
+                "
+-,"
+            ),
+        "{board}"
+    );
 }
 
 #[test]
@@ -128,7 +141,7 @@ fn an_empty_folder_is_as_good_as_none_for_every_verb() {
         ("release", vec!["release", path(&dataset), "--creator", "Doe, Jane", "-o"]),
         (
             "suite",
-            vec!["suite", "generate", "odpc1", "--size", "smoke", "--track", "P1", "--split", "train", "-o"],
+            vec!["suite", "generate", "odpc1", "--size", "smoke", "--track", "P2", "--split", "train", "-o"],
         ),
     ];
     for (name, mut arguments) in commands {
@@ -138,7 +151,12 @@ fn an_empty_folder_is_as_good_as_none_for_every_verb() {
         run(&arguments);
         assert!(std::fs::read_dir(&out).unwrap().count() > 0, "{name}");
         let again = fail(2, &arguments);
-        assert!(again.contains("already exists; --force replaces it"), "{name}: {again}");
+        let told = if name == "release" {
+            "--force --new-keys replaces it"
+        } else {
+            "already exists; --force replaces it"
+        };
+        assert!(again.contains(told), "{name}: {again}");
     }
 }
 

@@ -24,7 +24,7 @@ use storage::error::{Error, Result};
 pub(super) struct Render {
     /// Settings file of MicroSIG
     settings: PathBuf,
-    /// A data file, or a folder of them (*.txt)
+    /// A data file, or a folder of them (*.txt); the image of `-` is image.tif
     data: PathBuf,
     /// Output folder for the images (STEM.tif)
     #[arg(value_parser = folder())]

@@ -18,13 +18,13 @@ use storage::error::Result;
     long_about = "Show a page in the browser: a scenario before it is generated, a dataset with its truth, the errors of a result, \
     the leaderboard of a sweep.\n\nThis command serves the page on the loopback address only and needs no network. It ends on \
     Ctrl-C, or a few seconds after the last page is closed.",
-    after_help = "Example: microsig view scenarios/quickstart.ron\n\
+    after_help = "Example: microsig view quickstart\n\
          Example: microsig view datasets/quickstart result.csv\n\
          Example: microsig view datasets/quickstart result.csv --export result.html"
 )]
 pub(super) struct View {
-    /// A scenario (the file need not exist yet), or the folder of a dataset or a sweep [default: a new
-    /// scenario]
+    /// A scenario (the file need not exist yet) or the name of a shipped one, or the folder of a dataset or a
+    /// sweep [default: a new scenario]
     path: Option<PathBuf>,
     /// Results for the dataset; for a sweep, folders with a result for each case, CASE.csv or CASE/result.csv
     results: Vec<PathBuf>,

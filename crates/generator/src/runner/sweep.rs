@@ -110,7 +110,7 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
         bar.inc(1);
     }
     bar.finish();
-    let (done, failed) = collect(sweep, &options.out)?;
+    let (done, failed) = tabulate(sweep, &options.out, options.force)?;
     let failed_now = mine.iter().filter(|case| reason(&options.out.join(&case.name)).exists()).count();
     let cases = sweep.cases.len();
     let (out, shard) = (options.out.clone(), options.shard);
@@ -229,6 +229,11 @@ impl Outcome {
 /// # Errors
 /// A dataset without a readable manifest; an I/O error.
 pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
+    tabulate(sweep, out, false)
+}
+
+/// [`collect`]; `replacing`: cases of another sweep are yet to be replaced, by other runs.
+fn tabulate(sweep: &Sweep, out: &Path, replacing: bool) -> Result<(usize, usize)> {
     let (mut done, mut failures) = (0, 0);
     let mut table = csv::Writer::from_writer(Vec::new());
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
@@ -251,7 +256,11 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
         row.extend(axes().map(|(i, _)| case.values[i].clone()));
         let name = sweep.name_of(case);
         let dataset = out.join(&case.name);
-        let Some(outcome) = Outcome::of(&dataset, (&name, case.seed), "sweep")? else { continue };
+        let outcome = match Outcome::of(&dataset, (&name, case.seed), "sweep") {
+            Err(Error::Input(_)) if replacing => None,
+            outcome => outcome?,
+        };
+        let Some(outcome) = outcome else { continue };
         *(if outcome.is_done() { &mut done } else { &mut failures }) += 1;
         row.extend(outcome.cells());
         table.write_record(&row).map_err(unwritable)?;
