@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn lines_state_what_is_done_and_how_long_the_rest_takes() {
-        let minutes = |m| Instant::now().checked_sub(Duration::from_secs(60 * m)).unwrap();
+        let minutes = |m: u64| Instant::now().checked_sub(Duration::from_secs(60 * m)).unwrap();
         let cases = Task { what: "cases", since: minutes(10), bar: bar(20, 4) };
         cases.bar.set_message("case_00004");
         let images = Task { what: "images", since: minutes(1), bar: bar(8, 4) };
