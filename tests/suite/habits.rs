@@ -62,7 +62,7 @@ fn a_dash_is_standard_input_or_output() {
     let score = std::fs::read_to_string(place.path().join("scores/score.json")).unwrap();
     here(&["compare", "-", "-o", "board"], &score);
     let board = std::fs::read_to_string(place.path().join("board/leaderboard.csv")).unwrap();
-    assert!(
+    assert!(board.contains(",small,") && board.contains("particles_3d"), "{board}");
         board.lines().count() == 2
             && board.contains(
                 "
