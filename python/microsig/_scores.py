@@ -357,9 +357,9 @@ def compare(scores: Mapping[str, Scores]) -> Comparison:
 def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tuple[dict[str, Any], Dataset]]:
     """The datasets of a sweep, one after the other, in memory.
 
-    >>> for values, ds in ms.sweep("scenarios/noise_density_sweep.ron"): ...   # doctest: +SKIP
+    >>> for values, ds in ms.sweep("noise_density_sweep"): ...   # doctest: +SKIP
 
-    :param path: the sweep's file, or its text, whose base scenario is then relative to the working folder
+    :param path: the sweep's file, the name of a shipped one, or its text, whose base scenario is then relative to the working folder
     :param seed: seed, by default the sweep's
     :returns: pairs of values by path (with ``case``, ``repetition`` and ``seed``) and dataset
     :raises ValueError: a sweep that cannot be used, before the first case; a case that cannot be made

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -15,7 +17,7 @@ import time
 import microsig as ms
 import numpy as np
 import pytest
-from conftest import SMALL
+from conftest import ROOT, SMALL
 
 CROP = (48, 64)
 VARY = {
@@ -102,6 +104,21 @@ def test_a_stream_goes_on_where_it_was():
     same(next(again), expected[0])
     with pytest.raises(ValueError, match="different samples"):
         stream(seed=6).load_state_dict(state)
+
+
+def test_the_recipes_for_dask_and_ray_give_the_samples():
+    recipes = re.findall(r"```python\n(import (dask|ray)\n.*?)```", (ROOT / "docs/cluster.md").read_text(), re.DOTALL)
+    assert [name for _, name in recipes] == ["dask", "ray"]
+    given = plain()
+    for recipe, name in recipes:
+        # dask is installed for the tests; ray is large.
+        if name == "ray" and importlib.util.find_spec("ray") is None:
+            continue
+        place = {"stream": given}
+        exec(recipe, place)
+        assert len(place["batches"]) == 4
+        for k, batch in enumerate(place["batches"]):
+            same(batch, plain().samples(32 * k, 32))
 
 
 #: In focus, without walls: a sample takes a tenth of a millisecond.

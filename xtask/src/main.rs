@@ -6,7 +6,6 @@ mod bench;
 mod figures;
 mod golden;
 mod leaderboard;
-mod man;
 mod robustness;
 mod shipped;
 
@@ -82,12 +81,6 @@ enum Task {
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
     /// Updates the golden hashes of datasets; see "Bytes" in CHANGELOG.md.
     Golden,
-    /// Writes the manual pages of the command.
-    Man {
-        /// Output folder.
-        #[arg(long, default_value = "target/man")]
-        out: PathBuf,
-    },
     /// Attacks the command with changed inputs of every kind, pairs of runs into one folder, and killed runs
     /// that are resumed; exit code 1 if anything is found. A number of 0 skips a part.
     Robustness {
@@ -184,7 +177,6 @@ fn main() -> anyhow::Result<ExitCode> {
             bench::peers::microsig::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
         }
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
-        Task::Man { out } => man::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Robustness { out, mutations, pairs, kills, seed } => {
             robustness::run(&out, (mutations, pairs, kills), seed)
         }
