@@ -428,7 +428,8 @@ def generate(
     >>> ds.images.shape, ds.images.dtype
     ((2, 366, 752), dtype('uint16'))
 
-    :param scenario: path of a scenario, its text (RON or JSON), or a dict of its keys (docs/scenario.md lists them)
+    :param scenario: path of a scenario, name of a shipped one (``"quickstart"``; `microsig new --list` lists them), its
+        text (RON or JSON), or a dict of its keys (docs/scenario.md lists them)
     :param seed: seed of all random numbers, 0 to 2^64 - 1, by default that of the scenario
     :param set: scenario values by path, such as ``{"optics.background_noise": 20}``
     :param progress: show a bar, if standard error is a terminal

@@ -1,10 +1,12 @@
-"""Scenarios as arguments: a path, text in RON or JSON, or a dict."""
+"""Scenarios as arguments: a path, the name of a shipped one, text in RON or JSON, or a dict."""
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import os
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Union
@@ -14,7 +16,7 @@ import numpy as np
 from . import _microsig
 from ._arguments import LAST_SEED, optional, whole
 
-#: A scenario: the path of a file, text in RON or JSON, or a dict with the same keys.
+#: A scenario: the path of a file, the name of a shipped one, text in RON or JSON, or a dict with the same keys.
 Scenario = Union[str, "os.PathLike[str]", Mapping[str, Any]]
 
 
@@ -42,6 +44,14 @@ def _is_text(scenario: str) -> bool:
     return "\n" in scenario or scenario.lstrip().startswith(("(", "{", "//", "#!["))
 
 
+@functools.cache
+def _shipped() -> tempfile.TemporaryDirectory[str]:
+    """The shipped scenarios in a folder that lasts as long as the process, for the files that they refer to."""
+    place = tempfile.TemporaryDirectory(prefix="microsig-")
+    _microsig.unpack_scenarios(place.name)
+    return place
+
+
 def values_by_path(given: Any) -> dict[str, Any]:
     """The argument ``set``: values by path."""
     if not isinstance(given, (Mapping, type(None))):
@@ -60,7 +70,8 @@ def text(
         content, name, folder = scenario, "scenario", Path(".")
     elif isinstance(scenario, (str, os.PathLike)):
         path = Path(scenario)
-        content, name, folder = _microsig.read_scenario(path), str(path), path.parent
+        content, relative_to = _microsig.read_scenario(path)
+        name, folder = str(path), Path(_shipped().name) if relative_to is None else relative_to
     else:
         raise TypeError(f"a scenario is a path, a text or a dict, not {type(scenario).__name__}")
     return {

@@ -284,12 +284,13 @@ def track(
     :param noise_px: standard deviation of the noise in x and y (``truth-noise``), px
     :param noise_um: the same in z, um
     :param ensemble: one field for all pairs of a steady flow (``piv``)
-    :param shape: ``spheroid``: also measure the axis (``mle``)
-    :param aspect_ratio: polar over equatorial diameter of spheroids, 0.1 to 10; fitted if None
+    :param shape: ``spheroid``: also measure the axis (``ncc``, ``mle``)
+    :param aspect_ratio: polar over equatorial diameter of spheroids, 0.1 to 10; if None, fitted
+        (``mle``) or the best of 1/4, 1/2, 2, 4 (``ncc``)
     :param seed: seed of that noise
     :param progress: show a bar, if standard error is a terminal
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field; of
-        spheroids also standard deviations, axes, and a second axis that fits
+        spheroids also axes and, of ``mle``, standard deviations and a second axis that fits
     :raises ValueError: an unknown method, an option out of range, a dataset without what the method needs
     :raises TypeError: an option of another kind
     """
@@ -356,9 +357,9 @@ def compare(scores: Mapping[str, Scores]) -> Comparison:
 def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tuple[dict[str, Any], Dataset]]:
     """The datasets of a sweep, one after the other, in memory.
 
-    >>> for values, ds in ms.sweep("scenarios/noise_density_sweep.ron"): ...   # doctest: +SKIP
+    >>> for values, ds in ms.sweep("noise_density_sweep"): ...   # doctest: +SKIP
 
-    :param path: the sweep's file, or its text, whose base scenario is then relative to the working folder
+    :param path: the sweep's file, the name of a shipped one, or its text, whose base scenario is then relative to the working folder
     :param seed: seed, by default the sweep's
     :returns: pairs of values by path (with ``case``, ``repetition`` and ``seed``) and dataset
     :raises ValueError: a sweep that cannot be used, before the first case; a case that cannot be made

@@ -140,10 +140,21 @@ impl Made {
     }
 }
 
-/// The text of a scenario or sweep: a regular file of at most 16 MB.
+/// The text of a scenario or sweep (a regular file of at most 16 MB, or the name of a shipped one) and the folder
+/// that paths in it are relative to; None: that of the shipped files.
 #[pyfunction]
-fn read_scenario(py: Python<'_>, path: PathBuf) -> PyResult<String> {
-    run(py, false, OnInterrupt::Leave, move |_| scenario::read_text(&path))
+fn read_scenario(py: Python<'_>, path: PathBuf) -> PyResult<(String, Option<PathBuf>)> {
+    let found = run(py, false, OnInterrupt::Leave, move |_| scenario::ScenarioText::open(&path))?;
+    let folder = (!found.is_unpacked()).then(|| found.folder.clone());
+    Ok((found.text, folder))
+}
+
+/// Writes the shipped scenarios, and the files that they refer to, into a folder.
+#[pyfunction]
+fn unpack_scenarios(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
+    run(py, false, OnInterrupt::Leave, move |_| {
+        scenario::SHIPPED.extract(&folder).map_err(storage::Error::write(&folder))
+    })
 }
 
 /// A dataset in memory from a scenario.
@@ -296,6 +307,7 @@ fn copy_dataset(py: Python<'_>, dataset: PathBuf, out: PathBuf, force: bool) -> 
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Made>()?;
     module.add_function(wrap_pyfunction!(read_scenario, module)?)?;
+    module.add_function(wrap_pyfunction!(unpack_scenarios, module)?)?;
     module.add_function(wrap_pyfunction!(generate, module)?)?;
     module.add_function(wrap_pyfunction!(resolve, module)?)?;
     module.add_function(wrap_pyfunction!(manifest, module)?)?;

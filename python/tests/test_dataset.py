@@ -370,6 +370,23 @@ def test_broken_files_are_told_with_their_path(tmp_path):
             ms.open(folder)
 
 
+def test_shipped_scenarios_are_known_by_name(tmp_path, monkeypatch):
+    small = {"timing.pairs.count": 1, "particles.number.count": 2}
+    by_name, by_path = (ms.generate(s, set=small) for s in ("quickstart", ROOT / "scenarios/quickstart.ron"))
+    np.testing.assert_array_equal(by_name.images, by_path.images)
+    # One that refers to another shipped file, and a sweep of a shipped scenario.
+    assert ms.resolve("recorded_tracks")["name"] == "recorded_tracks"
+    values, _ = next(ms.sweep("noise_density_sweep"))
+    assert values["case"] == "case_00000"
+    with pytest.raises(ValueError, match="did you mean `quickstart`"):
+        ms.generate("quikstart")
+    # A file of this name comes first, and `-` is a file, too.
+    monkeypatch.chdir(tmp_path)
+    for name in ("quickstart", "-"):
+        Path(name).write_text(SMALL)
+        assert ms.resolve(name)["name"] == ms.resolve(SMALL)["name"]
+
+
 def test_datasets_in_memory_are_not_pickled():
     dataset = ms.generate(SMALL)
     for copied in (copy.deepcopy, pickle.dumps):

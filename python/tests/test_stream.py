@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -15,7 +17,7 @@ import time
 import microsig as ms
 import numpy as np
 import pytest
-from conftest import SMALL
+from conftest import ROOT, SMALL
 
 CROP = (48, 64)
 VARY = {
@@ -23,7 +25,7 @@ VARY = {
     "optics.gain": ms.log_uniform(0.5, 5),
     "particles.number.count": ms.integers(1, 9),
 }
-LABELS = ("boxes", "instances", "heatmap", "depth", "flow", "clean")
+LABELS = ("boxes", "shapes", "instances", "heatmap", "depth", "flow", "clean")
 
 
 def stream(**changes) -> ms.Stream:
@@ -39,7 +41,7 @@ def same(a, b) -> None:
 
 def trimmed(sample, particles):
     """A sample without the rows that fill its batch up."""
-    return {k: v[:particles] if k in ("particles", "mask", "boxes") else v for k, v in sample.items()}
+    return {k: v[:particles] if k in ("particles", "mask", "boxes", "shapes") else v for k, v in sample.items()}
 
 
 def test_samples_are_the_beginnings_of_datasets():
@@ -102,6 +104,21 @@ def test_a_stream_goes_on_where_it_was():
     same(next(again), expected[0])
     with pytest.raises(ValueError, match="different samples"):
         stream(seed=6).load_state_dict(state)
+
+
+def test_the_recipes_for_dask_and_ray_give_the_samples():
+    recipes = re.findall(r"```python\n(import (dask|ray)\n.*?)```", (ROOT / "docs/cluster.md").read_text(), re.DOTALL)
+    assert [name for _, name in recipes] == ["dask", "ray"]
+    given = plain()
+    for recipe, name in recipes:
+        # dask is installed for the tests; ray is large.
+        if name == "ray" and importlib.util.find_spec("ray") is None:
+            continue
+        place = {"stream": given}
+        exec(recipe, place)
+        assert len(place["batches"]) == 4
+        for k, batch in enumerate(place["batches"]):
+            same(batch, plain().samples(32 * k, 32))
 
 
 #: In focus, without walls: a sample takes a tenth of a millisecond.
@@ -216,6 +233,23 @@ def test_seeds_splits_and_values_differ():
     # What else varies does not change what is drawn for a path.
     fewer = stream(vary={"optics.background_noise": ms.uniform(0, 50)})
     assert fewer.values(3)["optics.background_noise"] == values[3]["optics.background_noise"]
+
+
+def test_shapes_are_those_of_the_truth():
+    rods = {"particles.spheroids": {"e_p": 3, "orientation": "random"}}
+    drawn = stream(set=rods, vary=None)
+    sample = drawn[2]
+    assert sample["shapes"].shape == (len(sample["mask"]), 4)
+    tracks = ms.generate(drawn.scenario(2)).tracks
+    first = np.asarray(tracks["frame"]) == 0
+    a, b = (np.asarray(tracks[name])[first] for name in ("alpha_rad", "beta_rad"))
+    axes = np.stack([np.sin(a) * np.sin(b), np.cos(b), -np.cos(a) * np.sin(b)], axis=1)
+    particles = sample["particles"][sample["mask"]]
+    np.testing.assert_allclose(np.asarray(tracks["x_px"])[first], particles[:, 0], atol=1e-3)
+    np.testing.assert_allclose(sample["shapes"][sample["mask"], :3], axes, atol=1e-6)
+    np.testing.assert_allclose(sample["shapes"][sample["mask"], 3], 3)
+    spheres = stream(vary=None)[2]
+    assert (spheres["shapes"][spheres["mask"]] == [0, 0, 0, 1]).all()
 
 
 def test_labels_are_what_they_say():

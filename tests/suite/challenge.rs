@@ -219,8 +219,7 @@ fn names_from_submissions_are_shown_as_text() {
     assert_ne!(text, disguised);
     fs::write(&about, disguised).unwrap();
     for more in [&[][..], &["--json"]] {
-        let said =
-            run(&[&["evaluate", "--validate-only", path(&c.test), path(&good), "--quiet"], more].concat());
+        let said = run(&[&["evaluate", "--validate-only", path(&c.test), path(&good)], more].concat());
         assert!(said.contains("[2J") && !said.contains(['\u{1b}', '\u{9b}', '\u{202e}']), "{said:?}");
     }
     let (tracks, scores) = (c.dataset.join("truth/tracks.csv"), place.path().join("=1+1"));

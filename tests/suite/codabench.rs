@@ -179,11 +179,11 @@ fn a_submission_is_checked_by_a_verb_of_its_own() {
     let c = &*CHALLENGE;
     let place = tempfile::tempdir().unwrap();
     let good = submission(place.path(), &images_sha256());
-    let said = run(&["check-submission", path(&c.test), path(&good), "--quiet"]);
+    let said = run(&["check-submission", path(&c.test), path(&good)]);
     assert!(said.contains("a valid submission of A: "), "{said}");
     let other = fail(2, &["check-submission", path(&c.test), path(&c.test.join("submission"))]);
     assert!(other.contains("submission.json: team"), "{other}");
-    let alone = run(&["check-submission", path(&c.test), path(&good.join("results.csv")), "--quiet"]);
+    let alone = run(&["check-submission", path(&c.test), path(&good.join("results.csv"))]);
     assert!(alone.contains("particles; "), "{alone}");
     let wheel = place.path().join("x.txt");
     std::fs::write(&wheel, "").unwrap();

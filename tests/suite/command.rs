@@ -216,7 +216,7 @@ fn the_command_tells_its_version_and_completes_itself() {
 #[test]
 fn a_seed_and_a_plot_that_cannot_be_are_refused_with_what_can() {
     for seed in ["-1", "18446744073709551616", "x"] {
-        let said = fail(2, &["flows", "--seed", seed]);
+        let said = fail(2, &["generate", "quickstart", "--seed", seed]);
         let expected = "for '--seed <N>': expected an integer from 0 to 18446744073709551615";
         assert!(said.contains(&format!("'{seed}' {expected}")), "{said}");
     }

@@ -364,7 +364,7 @@ fn the_lines_on_optics_are_of_the_diameters_that_tracks_tell() {
         "t.csv",
         b"frame,track,x_um,y_um,z_um,d_um\n0,0,0,0,-30,5\n1,0,1,0,-30,5\n0,1,9,0,-30,7\n1,1,9,0,-30,7\n",
     );
-    let said = run(&["generate", path(&scenario), "--out", path(&place.path().join("d")), "--quiet"]);
+    let said = run(&["generate", path(&scenario), "--out", path(&place.path().join("d"))]);
     assert!(said.contains("images of 5.000 um are") && said.contains("of 7.000 um best at"), "{said}");
     let told: serde_json::Value = serde_json::from_str(&run(&["optics", path(&scenario), "--json"])).unwrap();
     let sizes: Vec<f64> =

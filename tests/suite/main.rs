@@ -16,6 +16,7 @@ mod export;
 mod extremes;
 mod fit;
 mod golden;
+mod habits;
 mod house;
 mod image_format;
 mod import;

@@ -189,7 +189,7 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     let place = tempfile::tempdir().unwrap();
     let out = place.path().join("out");
     std::fs::create_dir(&out).unwrap();
-    let release = ["release", path(&c.dataset), "--out", path(&out), "--quiet"];
+    let release = ["release", path(&c.dataset), "--out", path(&out)];
     run(&release);
     let files = suite::tree(&out).unwrap();
     for more in [&[][..], &["--force"], &["--new-keys"]] {
@@ -241,7 +241,7 @@ fn a_submission_is_checked_without_the_truth_and_scored_with_it() {
     let c = &*CHALLENGE;
     let place = tempfile::tempdir().unwrap();
     let good = submission(place.path(), &images_sha256());
-    let said = run(&["evaluate", "--validate-only", path(&c.test), path(&good), "--quiet"]);
+    let said = run(&["evaluate", "--validate-only", path(&c.test), path(&good)]);
     assert!(said.contains("a valid submission of A: "), "{said}");
 
     let score = run(&["evaluate", path(&c.out.join("withheld/test")), path(&good), "--json", "--quiet"]);

@@ -192,7 +192,7 @@ fn a_released_case_of_fields_takes_fields() {
     about["images_sha256"] = suite::sha256_of(images.as_bytes()).into();
     std::fs::write(submission.join("submission.json"), about.to_string()).unwrap();
     std::fs::write(submission.join("results.csv"), vectors(|_, _| Some(4.4))).unwrap();
-    let said = run(&["check-submission", path(&test), path(&submission), "--quiet"]);
+    let said = run(&["check-submission", path(&test), path(&submission)]);
     assert!(said.contains("vectors"), "{said}");
     let withheld = out.join("withheld/test");
     let score: Value =

@@ -126,7 +126,7 @@ fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
     assert!(suite::tree(&again).unwrap() == expected, "three shards");
 
     let message = fail(2, &all);
-    assert!(message.contains("already exists; --resume continues"), "{message}");
+    assert!(message.contains("already exists; --force replaces it, --resume continues"), "{message}");
     std::fs::remove_dir_all(again.join("P2/noise_2/test")).unwrap();
     let made = json(&[&all[..], &["--resume"]].concat());
     assert_eq!((made["made"].as_u64(), made["done"].as_u64()), (Some(1), Some(6)));
@@ -179,7 +179,7 @@ fn a_release_of_a_suite_continues_and_keeps_its_keys() {
     let c = &*LITTLE;
     let place = tempfile::tempdir().unwrap();
     let out = place.path().join("out");
-    let release = ["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out), "--quiet"];
+    let release = ["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out)];
     let mut killed =
         suite::microsig::microsig().args(release).stdout(std::process::Stdio::null()).spawn().unwrap();
     let first = out.join("P2/noise_0.5");

@@ -7,7 +7,6 @@ mod emulation;
 mod figures;
 mod golden;
 mod leaderboard;
-mod man;
 mod shipped;
 
 use std::path::PathBuf;
@@ -82,12 +81,6 @@ enum Task {
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
     /// Updates the golden hashes of datasets; see "Bytes" in CHANGELOG.md.
     Golden,
-    /// Writes the manual pages of the command.
-    Man {
-        /// Output folder.
-        #[arg(long, default_value = "target/man")]
-        out: PathBuf,
-    },
     /// Generates the golden scenarios on emulated processors (qemu-user), takes a few minutes; exit code 1 if
     /// bytes differ.
     Emulation {
@@ -144,7 +137,6 @@ fn main() -> anyhow::Result<ExitCode> {
             bench::peers::microsig::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
         }
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
-        Task::Man { out } => man::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Emulation { out, only } => emulation::run(&out, &only),
         Task::Scenarios { out } => shipped::run(&out),
         Task::WebTest { shots } => {

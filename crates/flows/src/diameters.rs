@@ -314,6 +314,51 @@ mod tests {
         }
     }
 
+    /// Largest difference of the cumulative distributions of two samples of the same size (Kolmogorov and Smirnov).
+    fn distance(mut a: Vec<f64>, mut b: Vec<f64>) -> f64 {
+        a.sort_by(f64::total_cmp);
+        b.sort_by(f64::total_cmp);
+        let below = |sample: &[f64], at: f64| sample.partition_point(|v| *v <= at) as f64;
+        let apart = |at: &f64| (below(&a, *at) - below(&b, *at)).abs() / a.len() as f64;
+        a.iter().chain(&b).map(apart).fold(0.0, f64::max)
+    }
+
+    /// Two samples from the same stream of uniform numbers: by our functions and by the package `rand_distr`.
+    #[test]
+    fn numbers_are_distributed_as_those_of_an_independent_program() {
+        use microsig_core::random::poisson;
+        use rand_distr::{Distribution, LogNormal, Normal, Poisson};
+        let n = 40_000;
+        // Exceeded by one of 6,000 pairs of samples of the same distribution.
+        let most = 2.1 * f64::sqrt(2.0 / f64::from(n));
+        let stream = |row| Streams::new(7).stream(Purpose::Seeding, 0, row);
+        let sample = |row, draw: &dyn Fn(&mut Stream) -> f64| -> Vec<f64> {
+            let mut stream = stream(row);
+            (0..n).map(|_| draw(&mut stream)).collect()
+        };
+        let within = |row, draw: &dyn Fn(&mut Stream) -> f64, min: f64, max: f64| {
+            sample(row, &|stream| loop {
+                let value = draw(stream);
+                if (min..=max).contains(&value) {
+                    break value;
+                }
+            })
+        };
+        let standard = Normal::new(0.0, 1.0).unwrap();
+        assert!(distance(sample(0, &normal), sample(1, &|s| standard.sample(s))) < most);
+        for mean in [0.3, 9.9, 10.0, 250.0] {
+            let theirs = Poisson::new(mean).unwrap();
+            let found = distance(sample(2, &|s| poisson(s, mean) as f64), sample(3, &|s| theirs.sample(s)));
+            assert!(found < most, "Poisson numbers of mean {mean}: {found}");
+        }
+        let ours = Diameters::normal(2.0, 0.5, 1.8, 3.5).unwrap();
+        let theirs = Normal::new(2.0, 0.5).unwrap();
+        assert!(distance(sample(4, &|s| ours.draw(s)), within(5, &|s| theirs.sample(s), 1.8, 3.5)) < most);
+        let ours = Diameters::lognormal(2.0, 0.5, 1.6, 3.0).unwrap();
+        let theirs = LogNormal::from_mean_cv(2.0, 0.25).unwrap();
+        assert!(distance(sample(6, &|s| ours.draw(s)), within(7, &|s| theirs.sample(s), 1.6, 3.0)) < most);
+    }
+
     #[test]
     fn a_wide_lognormal_has_its_own_mean_and_deviation() {
         let kind = Diameters::lognormal(2.0, 0.5, 1e-3, 1e3).unwrap();

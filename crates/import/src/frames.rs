@@ -169,7 +169,7 @@ impl Frames {
             open = Some((source.file, pages));
             bar.inc(1);
         }
-        bar.finish_and_clear();
+        bar.finish();
         preview.write(&folder.join("preview.png"))?;
         written.warnings = saturation_warning(&saturated, self.len());
         Ok(written)

@@ -154,7 +154,7 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     warnings.extend(made.warnings.iter().cloned());
     let model = optics.as_ref().map(|optics| optics.at(&made, &spinner)).transpose()?;
     warnings.extend(model.iter().filter_map(optics::Model::warning));
-    spinner.finish_and_clear();
+    spinner.finish();
 
     let partial = Partial::start(out)?;
     let folder = partial.folder();

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use dataset::manifest::{OpticsFacts, WaveFacts};
 use generator::dataset::manifest::{self, wave_facts};
-use indicatif::ProgressBar;
+use generator::runner::Bar;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use scenario::Scenario;
@@ -74,7 +74,7 @@ impl Optics {
     ///
     /// # Errors
     /// Optics whose images do not resemble those of the scan.
-    pub(crate) fn at(&self, made: &Stacks, spinner: &ProgressBar) -> Result<Model> {
+    pub(crate) fn at(&self, made: &Stacks, spinner: &Bar) -> Result<Model> {
         spinner.set_message("comparing the optics with the scan");
         let scenario = &self.scenario;
         let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);

@@ -23,6 +23,7 @@ mod rendering;
 mod resolve;
 mod resolved;
 mod shipped;
+mod source;
 pub mod spec;
 mod splits;
 mod suite;
@@ -38,7 +39,6 @@ pub use language::document::{Picture, Scene};
 pub use language::schema::{Entry, Schema, ValueKind, nearest};
 pub use language::write::ron;
 pub use language::write::{compact, write};
-pub use load::read_text;
 pub use load::{SCENARIO, assignment, load, load_text, of_dataset, parse, set};
 pub use motion::MotionSource;
 pub use optics::sensor;
@@ -47,6 +47,7 @@ pub use reference::{document, template};
 pub use resolve::resolve;
 pub use resolved::Scenario;
 pub use shipped::{SHIPPED, shipped, shipped_suites};
+pub use source::{ScenarioText, read_text};
 pub use splits::{Split, derived_seed, reseeded, sized};
 pub use suite::{
     AxisLabel, AxisValue, LadderSpec, Metric, SUITE, Size, SizeSpec, Sizes, Suite, SuiteCase, SuiteSpec,

@@ -1,6 +1,5 @@
 //! Reads scenario files.
 
-use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -11,32 +10,13 @@ use super::language::write::write;
 use super::language::{text, typed};
 use super::resolve::resolve;
 use super::resolved::Scenario;
+use super::source::{ScenarioText, read_text};
 use super::spec::{Spec, schema as scenario};
 use storage::error::{Error, Result};
 use storage::problem::{Place, Problem, Source};
 
 /// The resolved scenario in a dataset's folder.
 pub const SCENARIO: &str = "scenario.ron";
-
-/// Maximum length of a scenario or sweep, bytes.
-const MAX_BYTES: u64 = 16_000_000;
-
-/// Reads the text of a scenario or sweep.
-///
-/// # Errors
-/// A path that is not a regular file; text that is not UTF-8 or longer than 16 MB.
-pub fn read_text(file: &Path) -> Result<String> {
-    let refuse = |expected: &str| Error::input(format!("{}: expected {expected}", file.display()));
-    let open = storage::input::open(file)?;
-    let mut bytes = Vec::new();
-    open.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::read(file, e))?;
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(refuse("at most 16 MB of text"));
-    }
-    let text = String::from_utf8(bytes).map_err(|_| refuse("UTF-8 text in RON or JSON"))?;
-    // Some editors write a byte order mark.
-    Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
-}
 
 /// Reads a scenario from a text; `name` is its name in messages.
 ///
@@ -74,15 +54,16 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
     Ok(tree)
 }
 
-/// Reads and resolves the scenario in a file, after replacing values by assignments `path=value` and its seed
+/// Reads and resolves the scenario in a file, or the shipped one of this name, after replacing values by assignments `path=value` and its seed
 /// by `seed`.
 ///
 /// # Errors
 /// [`Error::Problems`] with all problems of text, assignments and values. Constraints between values are
 /// checked as far as the values can be read.
 pub fn load(file: &Path, assignments: &[String], seed: Option<u64>) -> Result<Scenario> {
-    let folder = file.parent().unwrap_or(Path::new("."));
-    load_text(&read_text(file)?, (&file.display().to_string(), folder), assignments, seed)
+    // Files that a scenario refers to are read when it is resolved.
+    let found = ScenarioText::open(file)?;
+    load_text(&found.text, (&found.name, &found.folder), assignments, seed)
 }
 
 /// [`load`] for a text, with its name in messages and the folder that paths in it are relative to.

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::checksums::SHA256SUMS;
 use super::interrupt::{Temporary, pause_if_interrupted};
 use super::journal::{self, TEMPORARY};
+use super::standard::{is_standard, print};
 use crate::error::{Error, Result};
 
 /// Write buffer, bytes.
@@ -24,6 +25,12 @@ pub fn save(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>
 /// [`save`] for contents in memory.
 pub fn save_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     replace(path, PUBLIC, |mut file| file.write_all(bytes).map_err(Error::write(path)))
+}
+
+/// [`save_bytes`], unless the file has these bytes already: a run that finds everything done leaves no trace.
+pub fn save_changed(path: &Path, bytes: &[u8]) -> Result<()> {
+    let is_same = crate::input::read(path).is_ok_and(|found| found == bytes);
+    if is_same { Ok(()) } else { save_bytes(path, bytes) }
 }
 
 /// How a file was put into another folder.
@@ -64,10 +71,12 @@ enum Destination {
     File(PathBuf),
     /// A device or pipe, written directly.
     Stream,
+    /// Standard output.
+    Standard,
 }
 
-/// Checks that a result may be written to a path: it does not exist, it is a character device or pipe, or,
-/// with `force`, it is a regular file or a link to one.
+/// Checks that a result may be written to a path: it does not exist, it is standard output, a character device
+/// or pipe, or, with `force`, it is a regular file or a link to one.
 ///
 /// # Errors
 /// [`Error::Exists`] without `force`; a folder, a dangling link or another kind of device.
@@ -76,6 +85,9 @@ pub fn may_write(path: &Path, force: bool) -> Result<()> {
 }
 
 fn destination(path: &Path, force: bool) -> Result<Destination> {
+    if is_standard(path) {
+        return Ok(Destination::Standard);
+    }
     let Ok(own) = std::fs::symlink_metadata(path) else { return Ok(Destination::File(path.to_owned())) };
     let refuse =
         |what: &str| Err(Error::input(format!("{}: is {what}, which is not replaced", path.display())));
@@ -115,6 +127,9 @@ fn is_stream(_: FileType) -> bool {
 /// # Errors
 /// A path in a folder with `SHA256SUMS` and a manifest, or below one.
 pub fn outside_datasets(path: &Path) -> Result<()> {
+    if is_standard(path) {
+        return Ok(());
+    }
     let whole = std::path::absolute(path).map_err(|e| Error::read(path, e))?;
     // Resolves links above the file.
     let above = whole.parent().and_then(|above| above.ancestors().find_map(|p| p.canonicalize().ok()));
@@ -143,6 +158,7 @@ pub fn save_result(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
             remove_stale(file.parent().unwrap_or(Path::new(".")));
             save_bytes(&file, bytes)
         }
+        Destination::Standard => print(bytes),
         Destination::Stream => OpenOptions::new()
             .write(true)
             .open(path)

@@ -15,13 +15,17 @@ pub mod memory;
 pub mod problem;
 mod removal;
 pub mod shown;
+mod standard;
 pub mod table_cache;
 mod walk;
 
 pub use error::{Error, Result};
-pub use file::{Placed, may_write, outside_datasets, place, save, save_bytes, save_private, save_result};
+pub use file::{
+    Placed, may_write, outside_datasets, place, save, save_bytes, save_changed, save_private, save_result,
+};
 pub use input::read_text;
 pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_errors, on_interrupt};
+pub use standard::{StandardStreams, is_standard, print};
 
 /// The version of the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

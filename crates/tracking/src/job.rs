@@ -81,7 +81,7 @@ impl<'a> Job<'a> {
                 Ok(result)
             })
             .collect();
-        bar.finish_and_clear();
+        bar.finish();
         done
     }
 
@@ -101,7 +101,7 @@ impl<'a> Job<'a> {
             bar.inc(1);
             Ok(())
         });
-        bar.finish_and_clear();
+        bar.finish();
         done
     }
 

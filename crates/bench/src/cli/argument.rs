@@ -9,6 +9,13 @@ pub(super) fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("expected an integer from 0 to {}", u64::MAX))
 }
 
+/// A folder to be made: not `-`, which stands for standard output.
+pub(super) fn folder() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| {
+        if path.as_os_str() == "-" { Err("expected a folder; `./-` is one of this name") } else { Ok(path) }
+    })
+}
+
 /// A file for a plot. Names without an extension are allowed, as devices and pipes have none.
 pub(super) fn plot_file() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| {

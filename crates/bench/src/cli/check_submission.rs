@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::Common;
 use super::evaluate::{Checked, checked};
-use super::output::{report, warn};
+use super::output::{summarize, warn};
 use crate::suite::RESULT;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::Split;
@@ -36,7 +36,7 @@ impl CheckSubmission {
         let Checked { text, value, warnings } =
             checked(&self.dataset, &self.submission, Conventions::default())?;
         warn(&warnings, common);
-        report(&text, &value, common)
+        summarize(&text, &value, common)
     }
 
     /// Checks the results of a tracker for a whole suite.
@@ -74,7 +74,7 @@ impl CheckSubmission {
         }
         let found = known.len() - missing;
         lines.push(format!("{found} results can be scored, {missing} of {} cases are missing", known.len()));
-        report(&lines.join("\n"), &json!({ "found": found, "missing": missing }), common)
+        summarize(&lines.join("\n"), &json!({ "found": found, "missing": missing }), common)
     }
 }
 

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::output::report;
+use super::argument::folder;
+use super::options::Replace;
+use super::output::summarize;
 use crate::report::compare;
 use storage::error::Result;
 
@@ -17,13 +19,15 @@ pub(super) struct Compare {
     #[arg(required = true)]
     scores: Vec<PathBuf>,
     /// Folder for leaderboard.csv, curves.csv and leaderboard.html
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Compare {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let compared = compare(&self.scores, &self.out, common.force)?;
-        report(compared.text.trim_end(), &compared, common)
+        let compared = compare(&self.scores, &self.out, self.replace.force)?;
+        summarize(compared.text.trim_end(), &compared, common)
     }
 }

@@ -1,13 +1,10 @@
 //! `microsig completions`: prints shell completions.
 
-use std::io::Write;
-use std::path::Path;
-
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
-use super::{Cli, Common};
-use storage::error::{Error, Result};
+use super::Cli;
+use storage::error::Result;
 
 /// Print shell completions on standard output
 #[derive(Debug, Args)]
@@ -20,12 +17,9 @@ pub(super) struct Completions {
 }
 
 impl Completions {
-    pub(super) fn run(&self, _: &Common) -> Result<()> {
+    pub(super) fn run(&self) -> Result<()> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut Cli::command(), "microsig", &mut script);
-        match std::io::stdout().lock().write_all(&script) {
-            Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-            written => written.map_err(Error::write(Path::new("standard output"))),
-        }
+        storage::print(&script)
     }
 }

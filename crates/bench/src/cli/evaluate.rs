@@ -7,7 +7,9 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::Common;
-use super::output::{report as print, warn};
+use super::argument::folder;
+use super::options::{ImageTables, Random, Replace};
+use super::output::{report as print, summarize, warn};
 use crate::release::{self, SubmissionFiles, Validated};
 use crate::report;
 use scoring::evaluate::gate::Shape;
@@ -75,7 +77,7 @@ pub(super) struct Evaluate {
     #[arg(long)]
     crlb: bool,
     /// Write score.json and tables into this folder
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: Option<PathBuf>,
     /// Also write report.html
     #[arg(long, requires = "out")]
@@ -84,6 +86,12 @@ pub(super) struct Evaluate {
     /// truth
     #[arg(long)]
     validate_only: bool,
+    #[command(flatten)]
+    random: Random,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -142,11 +150,11 @@ impl Evaluate {
             plane_um: self.plane,
             auto_offset: self.auto_offset,
             crlb: self.crlb,
-            seed: common.seed.unwrap_or(0),
+            seed: self.random.seed.unwrap_or(0),
         };
         // Checked first, because an evaluation may take a long time.
         if let Some(out) = &self.out {
-            report::check(out, common.force)?;
+            report::check(out, self.replace.force)?;
         }
         let (result, _unpacked) = if SubmissionFiles::are_at(&self.result) {
             let files = self.submission()?;
@@ -158,7 +166,7 @@ impl Evaluate {
         let evaluation = evaluate_files(&self.dataset, &result, &options)?;
         let mut text = report::table(&evaluation.score);
         if let Some(out) = &self.out {
-            for path in report::write(out, &evaluation, self.report, common.force)? {
+            for path in report::write(out, &evaluation, self.report, self.replace.force)? {
                 // Writing to a string cannot fail.
                 let _ = writeln!(text, "  wrote      {}", path.display());
             }
@@ -166,7 +174,10 @@ impl Evaluate {
         if common.json {
             warn(&evaluation.score.warnings, common);
         }
-        print(text.trim_end(), &evaluation.score, common)
+        match self.out {
+            Some(_) => summarize(text.trim_end(), &evaluation.score, common),
+            None => print(text.trim_end(), &evaluation.score, common),
+        }
     }
 
     fn submission(&self) -> Result<SubmissionFiles> {
@@ -176,7 +187,7 @@ impl Evaluate {
     fn validate(&self, given: Conventions, common: &Common) -> Result<()> {
         let Checked { text, value, warnings } = checked(&self.dataset, &self.result, given)?;
         warn(&warnings, common);
-        print(&text, &value, common)
+        summarize(&text, &value, common)
     }
 }
 

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::output::report;
+use super::options::Replace;
+use super::output::written;
 use crate::export::{Displacement, ExportFormat, ExportOptions, export};
 use storage::error::Result;
 
@@ -18,8 +19,8 @@ pub(super) struct Export {
     /// Output format
     #[arg(long, value_enum, value_name = "F")]
     format: ExportFormat,
-    /// Output file
-    #[arg(long, value_name = "PATH")]
+    /// Output file, `-` for standard output
+    #[arg(long, short, value_name = "PATH")]
     out: PathBuf,
     /// Image pair, if the displacement field changes with time
     #[arg(long, value_name = "N")]
@@ -27,6 +28,8 @@ pub(super) struct Export {
     /// Definition of the displacement field
     #[arg(long, value_enum, value_name = "DEFINITION", default_value_t = Displacement::Central)]
     displacement: Displacement,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Export {
@@ -38,7 +41,7 @@ impl Export {
                 out: self.out.clone(),
                 pair: self.pair,
                 displacement: self.displacement,
-                force: common.force,
+                force: self.replace.force,
             },
         )?;
         let rows = match self.format {
@@ -46,6 +49,7 @@ impl Export {
             _ => "vectors",
         };
         let of = exported.tracks.map_or_else(|| rows.to_owned(), |n| format!("points of {n} tracks"));
-        report(&format!("{}: {} {of}", exported.out.display(), exported.rows), &exported, common)
+        let text = format!("{}: {} {of}", exported.out.display(), exported.rows);
+        written(&exported.out, &text, &exported, common)
     }
 }

@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::Common;
+use super::argument::folder;
 use super::choice::choice;
-use super::output::{progress, report, warn};
+use super::options::{Random, Replace};
+use super::output::{progress, summarize, warn};
 use crate::report::{field_page, fit_page};
 use fit::{
     Astigmatic, ExtraParameter, FieldFit, FieldOptions, FitOptions, Fitted, Given, Scan, StagePositions,
@@ -95,8 +97,12 @@ pub(super) struct Fit {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=10_000))]
     bootstrap: u16,
     /// Output folder for settings, parameters and images of the model
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: PathBuf,
+    #[command(flatten)]
+    random: Random,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -160,7 +166,7 @@ const PIXEL_SIZES_UM: RangeInclusive<f64> = 0.05..=1000.0;
 
 impl Fit {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let options = self.options(common.seed.unwrap_or(0))?;
+        let options = self.options(self.random.seed.unwrap_or(0))?;
         let positions = match (&self.z, self.z_step) {
             (Some(file), _) => StagePositions::Table(file.clone()),
             (None, Some(step)) => StagePositions::Step(step),
@@ -173,12 +179,12 @@ impl Fit {
         if self.field {
             return self.run_field(&scan, &options, common);
         }
-        let earlier = Earlier::new("fit.json", common.force);
+        let earlier = Earlier::new("fit.json", self.replace.force);
         check_replaceable(&self.out, earlier)?;
         let partial = Partial::start(&self.out)?;
         let spinner = progress(common).spinner("fit");
         let made = fit(&scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
-        spinner.finish_and_clear();
+        spinner.finish();
         let (scan_name, out) = (self.scan.display().to_string(), self.out.display().to_string());
         let page = fit_page(&made.fitted, &made.evidence, &scan_name, &out)?;
         storage::save_bytes(&partial.folder().join("report.html"), page.as_bytes())?;
@@ -187,7 +193,7 @@ impl Fit {
         }
         partial.finish(earlier)?;
         warn(&made.fitted.warnings, common);
-        report(&text(&made.fitted, &self.out), &made.fitted, common)?;
+        summarize(&text(&made.fitted, &self.out), &made.fitted, common)?;
         if made.fitted.verdict == Verdict::NotDescribed {
             return Err(Error::Failed(vec![made.fitted.sentence()]));
         }
@@ -212,12 +218,12 @@ impl Fit {
                 None => import::locate(scan)?,
             },
         };
-        let earlier = Earlier::new("field.json", common.force);
+        let earlier = Earlier::new("field.json", self.replace.force);
         check_replaceable(&self.out, earlier)?;
         let partial = Partial::start(&self.out)?;
         let spinner = progress(common).spinner("fit");
         let made = fit_field(scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
-        spinner.finish_and_clear();
+        spinner.finish();
         let page = field_page(&made, &self.scan.display().to_string(), [scan.width, scan.height])?;
         storage::save_bytes(&partial.folder().join("report.html"), page.as_bytes())?;
         for (name, bytes) in &made.files {
@@ -225,7 +231,7 @@ impl Fit {
         }
         partial.finish(earlier)?;
         warn(&made.fitted.warnings, common);
-        report(&field_text(&made.fitted, &self.out), &made.fitted, common)
+        summarize(&field_text(&made.fitted, &self.out), &made.fitted, common)
     }
 
     fn options(&self, seed: u64) -> Result<FitOptions> {

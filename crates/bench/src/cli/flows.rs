@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 
 use super::Common;
 use super::argument::plot_file;
-use super::output::report;
+use super::options::Replace;
+use super::output::{report, written};
 use crate::flow_plot;
 use scenario;
 use storage::error::{Error, Result};
@@ -24,6 +25,8 @@ pub(super) struct Flows {
     /// Plot speed and streamlines of the field in the default scene (SVG)
     #[arg(long, value_name = "FILE", requires = "name", value_parser = plot_file())]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl Flows {
@@ -46,7 +49,8 @@ impl Flows {
             Error::input(format!("`{name}`: {hint}expected one of {}", names.join(", ")))
         })?;
         if let Some(file) = &self.plot {
-            save_result(file, common.force, flow_plot::svg(entry)?.as_bytes())?;
+            save_result(file, self.replace.force, flow_plot::svg(entry)?.as_bytes())?;
+            return written(file, &description(entry), &described(entry), common);
         }
         report(&description(entry), &described(entry), common)
     }

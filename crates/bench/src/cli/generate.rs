@@ -5,36 +5,38 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::output::{progress, report, warn};
+use super::argument::folder;
+use super::options::{ImageTables, Replace, ScenarioOptions};
+use super::output::{progress, report, summarize, warn};
 use generator::runner::{Cost, GenerateOptions, generate_or_find};
-use scenario;
 use storage::error::Result;
 
 /// Generate a dataset from a scenario: particles, images, ground truth, manifest
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: microsig generate scenarios/quickstart.ron --set optics.background_noise=50 --out datasets/noisy"
+    after_help = "Example: microsig generate quickstart --set optics.background_noise=50 --out datasets/noisy"
 )]
 pub(super) struct Generate {
-    /// The scenario (RON)
-    scenario: PathBuf,
+    #[command(flatten)]
+    scenario: ScenarioOptions,
     /// Folder of the dataset [default: datasets/NAME]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: Option<PathBuf>,
-    /// Override a value of the scenario, written as in the file; may be repeated
-    #[arg(long, value_name = "PATH=VALUE")]
-    set: Vec<String>,
     /// Continue an interrupted run; a finished dataset is left unchanged
     #[arg(long)]
     resume: bool,
     /// Print the expected frames, particles, run time, memory and disk space without writing anything
     #[arg(long)]
     dry_run: bool,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl Generate {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let scenario = scenario::load(&self.scenario, &self.set, common.seed)?;
+        let scenario = self.scenario.load()?;
         warn(&scenario.warnings, common);
         let out = self.out.clone().unwrap_or_else(|| Path::new("datasets").join(&scenario.spec.name));
         if self.dry_run {
@@ -43,12 +45,16 @@ impl Generate {
             let cost = cost.timed(&scenario)?;
             return report(&cost.text(), &cost, common);
         }
-        let options =
-            GenerateOptions { out, force: common.force, resume: self.resume, progress: progress(common) };
+        let options = GenerateOptions {
+            out,
+            force: self.replace.force,
+            resume: self.resume,
+            progress: progress(common),
+        };
         let Some(generated) = generate_or_find(&scenario, &options)? else {
             let (name, out) = (&scenario.spec.name, &options.out);
             let text = format!("dataset {name} already exists in {}", out.display());
-            return report(&text, &serde_json::json!({ "name": name, "out": out }), common);
+            return summarize(&text, &serde_json::json!({ "name": name, "out": out }), common);
         };
         // The scenario's own warnings have been printed already; only later ones remain.
         warn(&generated.warnings[scenario.warnings.len()..], common);
@@ -68,6 +74,6 @@ impl Generate {
             generated.optics[0],
             generated.optics[1]
         );
-        report(&text, &generated, common)
+        summarize(&text, &generated, common)
     }
 }

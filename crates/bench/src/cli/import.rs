@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::output::{progress, report, warn};
+use super::argument::folder;
+use super::options::{ImageTables, Replace};
+use super::output::{progress, summarize, warn};
 use fit::StagePositions;
 use import::{ImportOptions, Imported, import};
 use storage::error::{Error, Result};
@@ -81,8 +83,12 @@ pub(super) struct Import {
     #[arg(long)]
     copy: bool,
     /// Output folder
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl Import {
@@ -90,7 +96,7 @@ impl Import {
         let options = self.options(common)?;
         let made = import(&self.out, &options)?;
         warn(&made.warnings, common);
-        report(&text(&made, &options), &made, common)
+        summarize(&text(&made, &options), &made, common)
     }
 
     fn options(&self, common: &Common) -> Result<ImportOptions> {
@@ -131,7 +137,7 @@ impl Import {
             particles: usize::from(self.particles),
             window_px: self.window.map(usize::from),
             copy: self.copy,
-            force: common.force,
+            force: self.replace.force,
             progress: progress(common),
         })
     }
@@ -147,7 +153,7 @@ fn text(made: &Imported, options: &ImportOptions) -> String {
         "one stack".to_owned()
     };
     let unused = made.unused;
-    let next = format!("microsig track {} --method ncc --out found.csv", shown(&made.out));
+    let next = format!("microsig track {} --method ncc", shown(&made.out));
     format!(
         "{} images ({}), {stacks} with {} depths, averages of {} particles ({} cut by the edge, {} crowded, {} saturated, {} unlike \
          the others are left out), in {}; next, `{next}`",

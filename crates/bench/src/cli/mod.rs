@@ -13,8 +13,10 @@ mod fit;
 mod flows;
 mod generate;
 mod import;
+mod man;
 mod new;
 mod optics;
+mod options;
 mod output;
 mod release;
 mod render;
@@ -36,17 +38,36 @@ use std::sync::Arc;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::Context;
+use options::ProgressStyle;
 pub use output::printable;
 use serde_json::json;
 
 use generator::runner::Tables;
 use storage::error::{Error, Result};
 use storage::table_cache::{TableFolder, keep};
-use storage::{clean_up_on_signals, file_size_limits_are_errors};
+use storage::{StandardStreams, clean_up_on_signals, file_size_limits_are_errors};
+
+/// What `--help` states after the options.
+const AFTER_HELP: &str = concat!(
+    "In place of a file, `-` is standard input or standard output. `microsig new --list` lists the scenarios, sweeps \
+and suites that can be given by name.
+
+Environment variables:
+  MICROSIG_CACHE      folder of image tables [default: ~/.cache/microsig/tables]
+  MICROSIG_CACHE_MB   limit of its size in MB [default: 2000]
+  XDG_CACHE_HOME      folder of caches in place of ~/.cache
+  SLURM_ARRAY_TASK_*  the task of `--shard slurm`
+  TMPDIR              folder of temporary files
+
+Documentation: ",
+    env!("CARGO_PKG_REPOSITORY"),
+    "/blob/main/docs/README.md"
+);
 
 /// Benchmark datasets for defocusing and astigmatic PIV/PTV.
 #[derive(Debug, Parser)]
-#[command(name = "microsig", about, long_about = None, arg_required_else_help = true, disable_version_flag = true)]
+#[command(name = "microsig", about, long_about = None, arg_required_else_help = true, disable_version_flag = true,
+    after_help = AFTER_HELP)]
 pub struct Cli {
     #[command(subcommand)]
     verb: Option<Verb>,
@@ -57,29 +78,23 @@ pub struct Cli {
     common: Common,
 }
 
-/// Options of all verbs.
+/// Options of all verbs; those of several verbs are in [`options`].
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Global options")]
 struct Common {
     /// Number of threads, at most 1024; 0 uses all cores
-    #[arg(long, global = true, default_value_t = 0, value_name = "N",
+    #[arg(long, short = 'j', global = true, default_value_t = 0, value_name = "N",
         value_parser = clap::value_parser!(u16).range(0..=1024))]
     threads: u16,
-    /// Seed of all random numbers [default: the scenario's; 0 for render]
-    #[arg(long, global = true, value_name = "N", value_parser = argument::seed)]
-    seed: Option<u64>,
-    /// Suppress progress and warnings
-    #[arg(long, global = true)]
+    /// Print only what was asked for, such as lists, tables and JSON: no progress, warnings or summaries
+    #[arg(long, short, global = true)]
     quiet: bool,
     /// Print the result as one JSON object
     #[arg(long, global = true)]
     json: bool,
-    /// Replace existing output
-    #[arg(long, global = true)]
-    force: bool,
-    /// Recompute the image tables of `expected` and `waves`, and do not store them (see MICROSIG_CACHE)
-    #[arg(long, global = true)]
-    no_cache: bool,
+    /// How progress is reported on standard error
+    #[arg(long, global = true, value_enum, default_value_t, value_name = "HOW")]
+    progress: ProgressStyle,
 }
 
 /// The verbs; the help of each is the documentation of its arguments.
@@ -105,6 +120,7 @@ enum Verb {
     Optics(optics::Optics),
     Schema(schema::Schema),
     Completions(completions::Completions),
+    Man(man::Man),
 }
 
 impl Verb {
@@ -129,8 +145,30 @@ impl Verb {
             Verb::New(verb) => verb.run(common),
             Verb::Optics(verb) => verb.run(common),
             Verb::Schema(verb) => verb.run(common),
-            Verb::Completions(verb) => verb.run(common),
+            Verb::Completions(verb) => verb.run(),
+            Verb::Man(verb) => verb.run(),
         }
+    }
+
+    /// Whether image tables are read from the user's cache and stored there. Not by verbs that compute none,
+    /// nor by `fit`, which evaluates many microscopes, each of them once.
+    fn keeps_tables(&self) -> bool {
+        let tables = match self {
+            Verb::Render(verb) => &verb.tables,
+            Verb::Generate(verb) => &verb.tables,
+            Verb::Sweep(verb) => &verb.tables,
+            Verb::Suite(verb) => return verb.keeps_tables(),
+            Verb::Verify(verb) => &verb.tables,
+            #[cfg(feature = "view")]
+            Verb::View(verb) => &verb.tables,
+            Verb::Track(verb) => &verb.tables,
+            Verb::Evaluate(verb) => &verb.tables,
+            Verb::Release(verb) => &verb.tables,
+            Verb::Import(verb) => &verb.tables,
+            Verb::Optics(verb) => &verb.tables,
+            _ => return false,
+        };
+        tables.are_kept()
     }
 }
 
@@ -152,19 +190,28 @@ impl Cli {
             .build_global()
             .map_err(|e| Error::input(format!("--threads {}: {e}", common.threads)))?;
         clean_up_on_signals()?;
-        // A fit evaluates many microscopes, each of them once.
-        let once = matches!(verb, Verb::Fit(_));
-        let folder = if common.no_cache || once { None } else { TableFolder::of_user()? };
+        let _streams = StandardStreams::allow();
+        let folder = if verb.keeps_tables() { TableFolder::of_user()? } else { None };
         let tables = Tables::new(folder, output::progress(common));
         keep(Context { tables: Some(Arc::new(tables)) });
         verb.run(common)
     }
 }
 
+/// Verbs that write files only if asked to, and the option (or group of options) that asks for it.
+const WRITE_IF: [(&str, &str); 5] =
+    [("evaluate", "out"), ("flows", "plot"), ("new", "file"), ("optics", "written"), ("view", "export")];
+
 /// The arguments. Negative numbers are parsed as values, not as options, so that errors state the allowed
 /// range.
 fn arguments() -> Cli {
-    let command = Cli::command().mut_subcommands(|verb| verb.allow_negative_numbers(true));
+    let command = Cli::command().mut_subcommands(|verb| {
+        let verb = verb.allow_negative_numbers(true);
+        match WRITE_IF.iter().find(|(name, _)| *name == verb.get_name()) {
+            Some((_, option)) => verb.mut_arg("force", |force| force.requires(option)),
+            None => verb,
+        }
+    });
     Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit())
 }
 

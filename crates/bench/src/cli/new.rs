@@ -6,7 +6,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::Common;
-use super::output::report;
+use super::options::Replace;
+use super::output::{report, summarize};
 use scenario::{self, SHIPPED, SUITE, nearest, shipped, shipped_suites};
 use storage::error::{Error, Result};
 use storage::save_result;
@@ -14,11 +15,11 @@ use storage::save_result;
 /// Write a commented scenario to start from: a template with every key, or a shipped scenario
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron\n\
+         Example: microsig new --from odpc1 | less\n\
          Example: microsig new --list\n\
          Example: microsig new drop.ron --from coffee_ring")]
 pub(super) struct New {
-    /// Output file
-    #[arg(required_unless_present = "list")]
+    /// Output file [default: standard output]
     file: Option<PathBuf>,
     /// Start from a shipped scenario, sweep or suite
     #[arg(long, value_name = "NAME", conflicts_with = "list")]
@@ -26,11 +27,16 @@ pub(super) struct New {
     /// List the shipped scenarios, sweeps and suites
     #[arg(long, conflicts_with = "file")]
     list: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 impl New {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let Some(file) = self.file.as_ref().filter(|_| !self.list) else { return list(common) };
+        if self.list {
+            return list(common);
+        }
+        let file = self.file.as_deref().unwrap_or(Path::new("-"));
         // The files that the scenario refers to, and the scenario itself.
         let mut files = Vec::new();
         let text = match &self.from {
@@ -62,15 +68,18 @@ impl New {
             (_, true) => "suite list",
             _ => "generate",
         };
-        files.push((file.clone(), text.into_bytes()));
-        if let Some((existing, _)) = files.iter().find(|(path, _)| path.exists() && !common.force) {
+        if storage::is_standard(file) {
+            return report(text.trim_end(), &json!({ "text": text, "files": [] }), common);
+        }
+        files.push((file.to_owned(), text.into_bytes()));
+        if let Some((existing, _)) = files.iter().find(|(path, _)| path.exists() && !self.replace.force) {
             return Err(Error::exists(existing));
         }
         for (path, bytes) in &files {
-            save_result(path, common.force, bytes)?;
+            save_result(path, self.replace.force, bytes)?;
         }
         let text = format!("{0} written; edit it, then run `microsig {verb} {0}`", file.display());
-        report(
+        summarize(
             &text,
             &json!({ "file": file, "files": files.iter().map(|(path, _)| path).collect::<Vec<_>>() }),
             common,

@@ -6,22 +6,22 @@ use clap::Args;
 
 use super::Common;
 use super::argument::plot_file;
-use super::output::{progress, report, warn};
+use super::options::{ImageTables, Replace, ScenarioOptions};
+use super::output::{progress, report, warn, written};
 use super::spheroid_maps;
 use generator::preview::{Preview, svg, text};
-use scenario;
 use storage::error::Result;
 use storage::{may_write, save_result};
 
 /// Compute particle images of a scenario's optics over depth: focus, size, light
 #[derive(Debug, Args)]
-#[command(after_help = "Example: microsig optics scenarios/objective_20x.ron --plot optics.svg")]
+#[command(
+    after_help = "Example: microsig optics objective_20x --plot optics.svg",
+    group = clap::ArgGroup::new("written").args(["plot", "spheroids"]).multiple(true)
+)]
 pub(super) struct Optics {
-    /// The scenario (RON)
-    scenario: PathBuf,
-    /// Override a value of the scenario, written as in the file; may be repeated
-    #[arg(long, value_name = "PATH=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    scenario: ScenarioOptions,
     /// Plot one particle of each size over depth, with curves of peak and size (SVG)
     #[arg(long, value_name = "FILE", value_parser = plot_file())]
     plot: Option<PathBuf>,
@@ -31,21 +31,26 @@ pub(super) struct Optics {
     /// Their aspect ratios, polar over equatorial diameter, separated by commas [default: that of the scenario]
     #[arg(long, value_name = "RATIOS", value_delimiter = ',', requires = "spheroids")]
     aspect_ratios: Vec<f64>,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl Optics {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let scenario = scenario::load(&self.scenario, &self.set, common.seed)?;
+        let scenario = self.scenario.load()?;
         warn(&scenario.warnings, common);
         if let Some(file) = &self.spheroids {
-            may_write(file, common.force)?;
+            may_write(file, self.replace.force)?;
             let table = spheroid_maps::table(&scenario, &self.aspect_ratios, &progress(common))?;
-            return save_result(file, common.force, table.csv().as_bytes());
+            return save_result(file, self.replace.force, table.csv().as_bytes());
         }
         let preview = Preview::of(&scenario)?;
         warn(&preview.warnings, common);
         if let Some(file) = &self.plot {
-            save_result(file, common.force, svg(&preview)?.as_bytes())?;
+            save_result(file, self.replace.force, svg(&preview)?.as_bytes())?;
+            return written(file, &text(&preview), &preview, common);
         }
         report(&text(&preview), &preview, common)
     }

@@ -1,18 +1,27 @@
 //! Output of all verbs: results go to standard output, everything else to standard error.
 
 use std::fmt::Display;
-use std::io::Write;
+use std::io::{IsTerminal as _, Write};
 use std::path::Path;
+use std::sync::OnceLock;
 
 use serde::Serialize;
 
 use super::Common;
+use super::options::ProgressStyle;
 use generator::runner::Progress;
 use storage::error::{Error, Result};
 
-/// Progress bars, unless `--quiet`.
+/// Progress as asked for by `--progress`, none with `--quiet`.
 pub(super) fn progress(common: &Common) -> Progress {
-    if common.quiet { Progress::Hidden } else { Progress::Bar }
+    // All tasks are reported together.
+    static REPORTS: OnceLock<Progress> = OnceLock::new();
+    match common.progress {
+        _ if common.quiet => Progress::Hidden,
+        ProgressStyle::Auto if std::io::stderr().is_terminal() => Progress::Bar,
+        ProgressStyle::Auto | ProgressStyle::Lines => REPORTS.get_or_init(Progress::lines).clone(),
+        ProgressStyle::Json => REPORTS.get_or_init(Progress::json).clone(),
+    }
 }
 
 /// Replaces hidden characters: names from untrusted files could manipulate a terminal with them.
@@ -55,17 +64,31 @@ pub(super) fn announce(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
-/// Prints a result: as a sentence, or as one JSON object with `--json`.
+/// Prints what was asked for: as text, or as one JSON object with `--json`.
 pub(super) fn report(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
-    let line = if common.json {
-        // serde_json escapes control characters below U+0020 only.
-        escaped(&serde_json::to_string(result).map_err(|e| Error::input(e.to_string()))?)
-    } else {
-        printable(text)
-    };
-    match writeln!(std::io::stdout().lock(), "{line}") {
-        // A reader such as `head` may close the pipe early.
-        Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.map_err(Error::write(Path::new("standard output"))),
+    storage::print(format!("{}\n", line(text, result, common)?).as_bytes())
+}
+
+/// Sums up what was done or written: as a sentence unless `--quiet`, or as one JSON object with `--json`.
+pub(super) fn summarize(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
+    if common.json || !common.quiet { report(text, result, common) } else { Ok(()) }
+}
+
+/// [`summarize`] for a file: on standard error if the file is standard output.
+pub(super) fn written(out: &Path, text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
+    if !storage::is_standard(out) {
+        return summarize(text, result, common);
     }
+    if common.json || !common.quiet {
+        announce(&line(text, result, common)?);
+    }
+    Ok(())
+}
+
+fn line(text: &str, result: &impl Serialize, common: &Common) -> Result<String> {
+    if !common.json {
+        return Ok(printable(text));
+    }
+    // serde_json escapes control characters below U+0020 only.
+    Ok(escaped(&serde_json::to_string(result).map_err(|e| Error::input(e.to_string()))?))
 }

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::output::{progress, report, warn};
+use super::argument::folder;
+use super::options::{ImageTables, Replace};
+use super::output::{progress, summarize, warn};
 use crate::release::{Publication, ReleaseOptions, release};
 use storage::error::Result;
 
@@ -23,7 +25,7 @@ pub(super) struct Release {
     /// The dataset's folder; it becomes the train split
     dataset: PathBuf,
     /// Folder of the release
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: PathBuf,
     /// Pairs or frames of the validation split [default: as many as the dataset has]
     #[arg(long, value_name = "N")]
@@ -63,6 +65,10 @@ pub(super) struct Release {
     /// Version of the challenge
     #[arg(long, value_name = "TEXT", default_value = "1.0.0")]
     release_version: String,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl Release {
@@ -76,7 +82,7 @@ impl Release {
             &self.dataset,
             &ReleaseOptions {
                 out: self.out.clone(),
-                force: common.force,
+                force: self.replace.force,
                 resume: self.resume,
                 new_keys: self.new_keys,
                 val: self.val,
@@ -92,7 +98,7 @@ impl Release {
         )?;
         let Some(released) = released else {
             let text = format!("the challenge already exists in {}", self.out.display());
-            return report(&text, &serde_json::json!({ "out": self.out }), common);
+            return summarize(&text, &serde_json::json!({ "out": self.out }), common);
         };
         warn(&released.warnings, common);
         let [train, val, test] = released.images;
@@ -103,6 +109,6 @@ impl Release {
             released.out.join("public").display(),
             released.out.join("withheld").display()
         );
-        report(&text, &released, common)
+        summarize(&text, &released, common)
     }
 }

@@ -10,8 +10,10 @@ use microsig_core::render::{RenderMethod, RendererSpec};
 use microsig_core::sensor::{ImageFormat, NoiseRounding};
 
 use super::Common;
+use super::argument::folder;
 use super::choice::choice;
-use super::output::{progress, report, warn};
+use super::options::{ImageTables, Random, Replace};
+use super::output::{progress, summarize, warn};
 use generator::runner::{RenderOptions, render};
 use scenario::spec::RenderMode;
 use storage::error::{Error, Result};
@@ -22,9 +24,10 @@ use storage::error::{Error, Result};
 pub(super) struct Render {
     /// Settings file of MicroSIG
     settings: PathBuf,
-    /// A data file, or a folder of them (*.txt)
+    /// A data file, or a folder of them (*.txt); the image of `-` is image.tif
     data: PathBuf,
     /// Output folder for the images (STEM.tif)
+    #[arg(value_parser = folder())]
     out: PathBuf,
     /// Renderer
     #[arg(long, value_parser = choice::<RenderMode>(), default_value = "rays")]
@@ -57,6 +60,12 @@ pub(super) struct Render {
     /// which loses faint light
     #[arg(long)]
     round_once: bool,
+    #[command(flatten)]
+    random: Random,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl Render {
@@ -65,12 +74,12 @@ impl Render {
             settings: self.settings.clone(),
             data: self.data.clone(),
             out: self.out.clone(),
-            seed: common.seed.unwrap_or(0),
+            seed: self.random.seed.unwrap_or(0),
             first_frame: self.first_frame,
             renderer: self.renderer()?,
             rounding: if self.round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum },
             format: self.image_format,
-            force: common.force,
+            force: self.replace.force,
             progress: progress(common),
         })?;
         warn(&rendered.warnings, common);
@@ -84,7 +93,7 @@ impl Render {
             rendered.images as f64 / rendered.seconds.max(1e-9),
             rendered.out.display()
         );
-        report(&text, &rendered, common)
+        summarize(&text, &rendered, common)
     }
 
     fn renderer(&self) -> Result<RendererSpec> {

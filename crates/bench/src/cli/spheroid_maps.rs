@@ -53,7 +53,7 @@ pub(super) fn table(scenario: &Scenario, aspects: &[f64], progress: &Progress) -
         Ok(Place { e_p, tilt_deg, z_um, bound })
     });
     let found: Vec<Place> = found.collect::<Result<_>>()?;
-    bar.finish_and_clear();
+    bar.finish();
     let known = |value: fn(&Place) -> f64| Values::Numbers(found.iter().map(value).collect());
     let bound = |value: fn(&SpheroidBound) -> f64| {
         Values::Numbers(found.iter().map(|place| place.bound.as_ref().map_or(f64::NAN, value)).collect())

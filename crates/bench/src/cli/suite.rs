@@ -6,7 +6,9 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::Common;
-use super::output::{progress, report, warn};
+use super::argument::folder;
+use super::options::{ImageTables, Random, Replace};
+use super::output::{progress, report, summarize, warn};
 use super::shard::ShardOption;
 use crate::release::{Publication, ReleaseOptions, release};
 use crate::suite::{ScoreOptions, score};
@@ -87,13 +89,17 @@ struct Generate {
     #[arg(long)]
     size: String,
     /// Output folder [default: suites/NAME-SIZE]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: Option<PathBuf>,
     #[command(flatten)]
     selection: Selection,
     /// Continue an interrupted run; failed datasets are tried again
     #[arg(long)]
     resume: bool,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    tables: ImageTables,
 }
 
 #[derive(Debug, Args)]
@@ -111,6 +117,8 @@ struct Check {
     /// Write the frozen checksums of a new version instead; datasets that are not selected keep their lines
     #[arg(long)]
     freeze: bool,
+    #[command(flatten)]
+    tables: ImageTables,
 }
 
 #[derive(Debug, Args)]
@@ -123,7 +131,7 @@ struct Score {
     #[arg(long, value_name = "RESULTS")]
     results: PathBuf,
     /// Output folder of the scores
-    #[arg(long, value_name = "OUT")]
+    #[arg(long, short, value_name = "OUT", value_parser = folder())]
     out: PathBuf,
     /// Only this track
     #[arg(long, value_name = "NAME")]
@@ -135,6 +143,10 @@ struct Score {
     /// trackers
     #[arg(long)]
     anchors: bool,
+    #[command(flatten)]
+    random: Random,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 #[derive(Debug, Args)]
@@ -144,7 +156,7 @@ struct Release {
     /// The generated suite; its train splits become those of the challenges
     datasets: PathBuf,
     /// Output folder of the releases: OUT/TRACK/CASE
-    #[arg(long, value_name = "OUT")]
+    #[arg(long, short, value_name = "OUT", value_parser = folder())]
     out: PathBuf,
     /// Only this track
     #[arg(long, value_name = "NAME")]
@@ -168,6 +180,10 @@ struct Release {
     /// Python wheel of microsig for the scoring programs of the bundles
     #[arg(long, value_name = "FILE", requires = "codabench")]
     wheel: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    tables: ImageTables,
 }
 
 impl Suite {
@@ -179,6 +195,17 @@ impl Suite {
             Action::Score(action) => action.run(common),
             Action::Release(action) => action.run(common),
         }
+    }
+
+    /// See `Verb::keeps_tables`.
+    pub(super) fn keeps_tables(&self) -> bool {
+        let tables = match &self.action {
+            Action::Generate(action) => &action.tables,
+            Action::Check(action) => &action.tables,
+            Action::Release(action) => &action.tables,
+            Action::List(_) | Action::Score(_) => return false,
+        };
+        tables.are_kept()
     }
 }
 
@@ -213,22 +240,13 @@ impl List {
     }
 }
 
-/// Refuses `--seed`: the seeds of a suite are part of it.
-fn without_seed(common: &Common) -> Result<()> {
-    match common.seed {
-        Some(seed) => Err(Error::input(format!("--seed {seed}: the seeds of a suite are part of it"))),
-        None => Ok(()),
-    }
-}
-
 impl Generate {
     fn run(&self, common: &Common) -> Result<()> {
-        without_seed(common)?;
         let suite = scenario::Suite::open(&self.suite)?;
         let size = Size::parse(&self.size)?;
         let default = || Path::new("suites").join(format!("{}-{}", suite.spec.name, size.name()));
         let out = self.out.clone().unwrap_or_else(default);
-        let (force, resume, progress) = (common.force, self.resume, progress(common));
+        let (force, resume, progress) = (self.replace.force, self.resume, progress(common));
         let options = SuiteOptions { out, force, resume, progress };
         let selection = self.selection.read(common)?;
         let made = generate_suite(&suite, size, &selection, &options)?;
@@ -245,7 +263,7 @@ impl Generate {
             made.seconds,
             made.out.display()
         );
-        report(&text, &made, common)?;
+        summarize(&text, &made, common)?;
         if made.failed > 0 {
             return Err(Error::Failed(vec![format!("{} datasets failed; see *.failed", made.failed)]));
         }
@@ -255,7 +273,6 @@ impl Generate {
 
 impl Check {
     fn run(&self, common: &Common) -> Result<()> {
-        without_seed(common)?;
         let suite = scenario::Suite::open(&self.suite)?;
         let size = Size::parse(&self.size)?;
         let selection = self.selection.read(common)?;
@@ -295,7 +312,7 @@ impl Check {
             checked.seconds,
             checked.differences.len()
         );
-        report(&text, &checked, common)?;
+        summarize(&text, &checked, common)?;
         if checked.differences.is_empty() { Ok(()) } else { Err(Error::Failed(checked.differences)) }
     }
 
@@ -343,7 +360,7 @@ impl Check {
         std::fs::create_dir_all(folder).map_err(Error::write(folder))?;
         save_bytes(&path, now.text().as_bytes())?;
         let text = format!("{}: {} datasets, {} hashes", path.display(), checked.datasets, now.hashes.len());
-        report(&text, &json!({ "file": path, "datasets": checked.datasets }), common)
+        summarize(&text, &json!({ "file": path, "datasets": checked.datasets }), common)
     }
 }
 
@@ -372,13 +389,13 @@ impl Score {
         let options = ScoreOptions {
             results: self.results.clone(),
             out: self.out.clone(),
-            force: common.force,
+            force: self.replace.force,
             selection,
-            seed: common.seed.unwrap_or(0),
+            seed: self.random.seed.unwrap_or(0),
             anchors: self.anchors,
         };
         let scores = score(&suite, &self.datasets, &options)?;
-        report(&scores.text(), &scores, common)?;
+        summarize(&scores.text(), &scores, common)?;
         let misplaced = scores.misplaced_anchors();
         if misplaced.is_empty() { Ok(()) } else { Err(Error::Failed(misplaced)) }
     }
@@ -386,7 +403,6 @@ impl Score {
 
 impl Release {
     fn run(&self, common: &Common) -> Result<()> {
-        without_seed(common)?;
         let suite = scenario::Suite::open(&self.suite)?;
         let record = SuiteRecord::read(&self.datasets)?;
         record.matches(&suite, &self.datasets)?;
@@ -409,7 +425,7 @@ impl Release {
             };
             let options = ReleaseOptions {
                 out,
-                force: common.force,
+                force: self.replace.force,
                 resume: self.resume,
                 new_keys: self.new_keys,
                 val: Some(val),
@@ -440,6 +456,6 @@ impl Release {
             suite.spec.version,
             self.out.display()
         );
-        report(&text, &released, common)
+        summarize(&text, &released, common)
     }
 }

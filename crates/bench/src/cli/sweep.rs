@@ -5,29 +5,32 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::output::{progress, report};
+use super::argument::folder;
+use super::options::{ImageTables, Random, Replace};
+use super::output::{progress, report, summarize};
 use super::shard::ShardOption;
 use super::sweep_scores::SweepScores;
 use generator::runner::{SweepOptions, collect, sweep};
-use scenario;
+use scenario::ScenarioText;
 use storage::error::{Error, Result};
 
 /// Generate many datasets over the axes of a sweep
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example: microsig sweep scenarios/noise_density_sweep.ron --out sweeps/noise --shard 1/4"
-)]
+#[command(after_help = "Example: microsig sweep noise_density_sweep --out sweeps/noise --shard 1/4")]
 pub(super) struct Sweep {
-    /// The sweep (RON)
+    /// The sweep (RON or JSON): a file, `-` for standard input, or the name of a shipped one
     sweep: PathBuf,
     /// Folder of the sweep [default: datasets/NAME]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: Option<PathBuf>,
     /// Print the cases of the shard without running them
     #[arg(long)]
     list: bool,
     #[command(flatten)]
     shard: ShardOption,
+    /// Only this case, such as case_00003; for workflow managers
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["shard", "list", "collect"])]
+    case: Option<String>,
     /// Continue an interrupted run; failed cases are tried again
     #[arg(long)]
     resume: bool,
@@ -36,14 +39,18 @@ pub(super) struct Sweep {
     collect: bool,
     #[command(flatten)]
     scores: SweepScores,
+    #[command(flatten)]
+    random: Random,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl Sweep {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let path = &self.sweep;
-        let text = scenario::read_text(path)?;
-        let folder = path.parent().unwrap_or(Path::new("."));
-        let plan = scenario::parse_sweep(&text, &path.display().to_string(), folder, common.seed)?;
+        let ScenarioText { text, name, folder, .. } = &ScenarioText::open(&self.sweep)?;
+        let plan = scenario::parse_sweep(text, name, folder, self.random.seed)?;
         if self.list {
             return self.list(&plan, common);
         }
@@ -55,12 +62,20 @@ impl Sweep {
         let shard = self.shard.read(common)?;
         // Paths are relative to the base scenario, which may be in another folder.
         let inputs = folder.join(&plan.spec.base).parent().unwrap_or(folder).to_owned();
-        let (force, resume, progress) = (common.force, self.resume, progress(common));
-        let swept = sweep(&plan, &SweepOptions { out, inputs, shard, force, resume, progress })?;
+        let options = SweepOptions {
+            out,
+            inputs,
+            shard,
+            case: self.case.clone(),
+            force: self.replace.force,
+            resume: self.resume,
+            progress: progress(common),
+        };
+        let swept = sweep(&plan, &options)?;
+        let only = self.case.as_ref().map_or_else(|| shard.in_title(), |case| format!(", {case}"));
         let text = format!(
-            "sweep {}{}: {} of {} cases done, {} failed, {} generated now in {:.2} s, in {}",
+            "sweep {}{only}: {} of {} cases done, {} failed, {} generated now in {:.2} s, in {}",
             plan.spec.name,
-            shard.in_title(),
             swept.done,
             swept.cases,
             swept.failed,
@@ -68,12 +83,17 @@ impl Sweep {
             swept.seconds,
             swept.out.display()
         );
-        report(&text, &swept, common)?;
-        self.scores.run(&plan, shard, &swept, self.resume, common)?;
-        if swept.failed > 0 {
-            return Err(Error::Failed(vec![format!("{} cases failed; see *.failed", swept.failed)]));
+        summarize(&text, &swept, common)?;
+        let seed = self.random.seed.unwrap_or(0);
+        self.scores.run(&options.cases(&plan)?, &swept, &options, seed, common)?;
+        // Of a single case, the failures of others are not its own.
+        match (&self.case, swept.failed_now, swept.failed) {
+            (Some(case), 1.., _) => Err(Error::Failed(vec![format!("{case} failed; see {case}.failed")])),
+            (None, _, failed @ 1..) => {
+                Err(Error::Failed(vec![format!("{failed} cases failed; see *.failed")]))
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     fn list(&self, plan: &scenario::Sweep, common: &Common) -> Result<()> {
@@ -98,5 +118,5 @@ fn collected(plan: &scenario::Sweep, out: &Path, common: &Common) -> Result<()> 
         )]));
     }
     let text = format!("{}: {done} cases done, {failed} failed", out.join("cases.csv").display());
-    report(&text, &serde_json::json!({ "out": out, "done": done, "failed": failed }), common)
+    summarize(&text, &serde_json::json!({ "out": out, "done": done, "failed": failed }), common)
 }

@@ -11,7 +11,7 @@ use super::Common;
 use super::output::{progress, say, warn};
 use super::track::methods;
 use crate::report;
-use generator::runner::{Shard, Swept};
+use generator::runner::{SweepOptions, Swept};
 use scenario::Case;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use storage::checksums::SHA256SUMS;
@@ -58,22 +58,19 @@ impl SweepScores {
     /// are made of; a tracker that cannot be run.
     pub(super) fn run(
         &self,
-        plan: &scenario::Sweep,
-        shard: Shard,
+        cases: &[&Case],
         swept: &Swept,
-        resume: bool,
+        options: &SweepOptions,
+        seed: u64,
         common: &Common,
     ) -> Result<()> {
-        let cases = plan.cases.iter().filter(|case| shard.has(case.index));
+        let (resume, replace) = (options.resume, options.force || options.resume);
         let entries: Vec<Entry> =
-            self.track.iter().flat_map(|method| self.entries(method, &swept.out, cases.clone())).collect();
+            self.track.iter().flat_map(|method| self.entries(method, &swept.out, cases)).collect();
         let is_new = |made: &Path, of: &Path| resume && !is_older(made, of);
         for entry in entries.iter().filter(|entry| !is_new(&entry.result, &entry.dataset.join(SHA256SUMS))) {
-            let options = TrackOptions {
-                seed: common.seed.unwrap_or(0),
-                force: common.force || resume,
-                ..TrackOptions::of(entry.method, progress(common))
-            };
+            let options =
+                TrackOptions { seed, force: replace, ..TrackOptions::of(entry.method, progress(common)) };
             create_parent(&entry.result)?;
             let tracked = track(&entry.dataset, &entry.result, &options)?;
             warn(&tracked.warnings, common);
@@ -92,31 +89,26 @@ impl SweepScores {
             let evaluation = evaluate_files(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
             warn(&evaluation.score.warnings, common);
             create_parent(&entry.scores)?;
-            report::write(&entry.scores, &evaluation, false, common.force || resume)?;
+            report::write(&entry.scores, &evaluation, false, replace)?;
         }
         if self.plot {
             let scores: Vec<PathBuf> = entries.into_iter().map(|entry| entry.scores).collect();
             let out = swept.out.join("comparison");
             // The comparison depends on the scores only, so an existing one may be replaced.
-            report::compare(&scores, &out, common.force || resume)?;
+            report::compare(&scores, &out, replace)?;
             say(&format!("scores over the sweep in {}", out.join("leaderboard.html").display()), common);
         }
         Ok(())
     }
 
-    fn entries<'a>(
-        &self,
-        method: &'a str,
-        out: &Path,
-        cases: impl Iterator<Item = &'a Case>,
-    ) -> Vec<Entry<'a>> {
+    fn entries<'a>(&self, method: &'a str, out: &Path, cases: &[&Case]) -> Vec<Entry<'a>> {
         let of = |case: &Case| Entry {
             method,
             dataset: out.join(&case.name),
             result: out.join("results").join(method).join(format!("{}.csv", case.name)),
             scores: out.join("scores").join(method).join(&case.name),
         };
-        cases.map(of).filter(|entry| entry.dataset.is_dir()).collect()
+        cases.iter().copied().map(of).filter(|entry| entry.dataset.is_dir()).collect()
     }
 }
 

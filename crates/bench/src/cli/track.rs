@@ -1,28 +1,29 @@
 //! `microsig track`: runs a baseline tracker.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::output::{progress, report, warn};
+use super::options::{ImageTables, Random, Replace};
+use super::output::{progress, warn, written};
 use storage::error::{Error, Result};
 use storage::outside_datasets;
 use tracking::{METHODS, ParticleShape, TrackOptions, track};
 
 /// Run a baseline tracker
 #[derive(Debug, Args)]
-#[command(after_help = "Example: microsig track datasets/quickstart --method ncc --out ncc.csv")]
+#[command(after_help = "Example: microsig track datasets/quickstart --method ncc")]
 pub(super) struct Track {
     /// The dataset's folder, or a split of a challenge
     dataset: PathBuf,
     /// Tracking method
     #[arg(long, value_parser = methods())]
     method: String,
-    /// Output file (CSV)
-    #[arg(long, value_name = "RESULT")]
-    out: PathBuf,
+    /// Output file (CSV), `-` for standard output [default: DATASET-METHOD.csv, beside the dataset]
+    #[arg(long, short, value_name = "RESULT")]
+    out: Option<PathBuf>,
     /// Largest displacement from frame to frame
     #[arg(long, value_name = "PX", default_value_t = TrackOptions::MAX_DISPLACEMENT_PX)]
     max_displacement: f64,
@@ -32,10 +33,10 @@ pub(super) struct Track {
     /// One field for all pairs of a steady flow, from the average of their correlations (piv)
     #[arg(long)]
     ensemble: bool,
-    /// Shape of the particles: of spheroids, mle also measures the axis
+    /// Shape of the particles: of spheroids, ncc and mle also measure the axis
     #[arg(long, value_enum, default_value_t = ShapeChoice::Sphere)]
     shape: ShapeChoice,
-    /// Polar over equatorial diameter of spheroids (mle) [default: fitted]
+    /// Polar over equatorial diameter of spheroids [default: fitted (mle), 1/4 to 4 (ncc)]
     #[arg(long, value_name = "RATIO")]
     aspect_ratio: Option<f64>,
     /// Standard deviation of the noise in x and y (truth-noise)
@@ -44,6 +45,12 @@ pub(super) struct Track {
     /// Standard deviation of the noise in z (truth-noise)
     #[arg(long, value_name = "UM", default_value_t = TrackOptions::NOISE_UM)]
     noise_z: f64,
+    #[command(flatten)]
+    random: Random,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 /// The shapes.
@@ -79,11 +86,12 @@ impl Track {
         if !wrong.is_empty() {
             return Err(Error::Input(wrong));
         }
+        let out = self.out.clone().map_or_else(|| beside(&self.dataset, &self.method), Ok)?;
         // Checked first, because tracking may take a long time.
-        outside_datasets(&self.out)?;
+        outside_datasets(&out)?;
         let tracked = track(
             &self.dataset,
-            &self.out,
+            &out,
             &TrackOptions {
                 method: self.method.clone(),
                 max_displacement_px: self.max_displacement,
@@ -95,24 +103,36 @@ impl Track {
                     ShapeChoice::Sphere => ParticleShape::Sphere,
                     ShapeChoice::Spheroid => ParticleShape::Spheroid { aspect: self.aspect_ratio },
                 },
-                seed: common.seed.unwrap_or(0),
-                force: common.force,
+                seed: self.random.seed.unwrap_or(0),
+                force: self.replace.force,
                 progress: progress(common),
             },
         )?;
         warn(&tracked.warnings, common);
         let each =
             tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} s of CPU time per frame)"));
+        let (dataset, shown) = (self.dataset.display(), out.display());
+        let next = if storage::is_standard(&out) {
+            String::new()
+        } else {
+            format!(", in {shown}; score it with `microsig evaluate {dataset} {shown}`")
+        };
         let notes: String = tracked.notes.iter().map(|note| format!(", {note}")).collect();
         let text = format!(
-            "{} rows from {} frames in {:.2} s{each}{notes}, in {}; score it with `microsig evaluate {} {}`",
-            tracked.rows,
-            tracked.frames,
-            tracked.seconds,
-            tracked.out.display(),
-            self.dataset.display(),
-            tracked.out.display()
+            "{} rows from {} frames in {:.2} s{each}{notes}{next}",
+            tracked.rows, tracked.frames, tracked.seconds
         );
-        report(&text, &tracked, common)
+        written(&out, &text, &tracked, common)
     }
+}
+
+/// The default result of a method on a dataset.
+fn beside(dataset: &Path, method: &str) -> Result<PathBuf> {
+    // Resolves `.` and links, so that there is a name.
+    let whole = dataset.canonicalize().map_err(|e| Error::read(dataset, e))?;
+    let is_named = dataset.file_name().is_some() && !dataset.is_symlink();
+    let folder = if is_named { dataset } else { &whole };
+    let mut name = folder.file_name().unwrap_or_default().to_owned();
+    name.push(format!("-{method}.csv"));
+    Ok(folder.with_file_name(name))
 }

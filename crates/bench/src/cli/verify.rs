@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::output::{progress, report};
+use super::options::ImageTables;
+use super::output::{progress, summarize};
 use generator::runner::verify;
 use storage::error::Result;
 
@@ -18,6 +19,8 @@ pub(super) struct Verify {
     /// Generate the dataset again from its scenario and compare all bytes
     #[arg(long)]
     regenerate: bool,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl Verify {
@@ -30,6 +33,6 @@ impl Verify {
             verified.files,
             verified.bytes as f64 / 1e6
         );
-        report(&text, &verified, common)
+        summarize(&text, &verified, common)
     }
 }

@@ -7,7 +7,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::Common;
-use super::output::{report, say, warn};
+use super::options::{ImageTables, Replace};
+use super::output::{report, say, warn, written};
 use crate::view::{ExportOptions, Served, Subject, ViewOptions, export, serve};
 use storage::error::Result;
 
@@ -17,13 +18,13 @@ use storage::error::Result;
     long_about = "Show a page in the browser: a scenario before it is generated, a dataset with its truth, the errors of a result, \
     the leaderboard of a sweep.\n\nThis command serves the page on the loopback address only and needs no network. It ends on \
     Ctrl-C, or a few seconds after the last page is closed.",
-    after_help = "Example: microsig view scenarios/quickstart.ron\n\
+    after_help = "Example: microsig view quickstart\n\
          Example: microsig view datasets/quickstart result.csv\n\
          Example: microsig view datasets/quickstart result.csv --export result.html"
 )]
 pub(super) struct View {
-    /// A scenario (the file need not exist yet), or the folder of a dataset or a sweep [default: a new
-    /// scenario]
+    /// A scenario (the file need not exist yet) or the name of a shipped one, or the folder of a dataset or a
+    /// sweep [default: a new scenario]
     path: Option<PathBuf>,
     /// Results for the dataset; for a sweep, folders with a result for each case, CASE.csv or CASE/result.csv
     results: Vec<PathBuf>,
@@ -43,6 +44,10 @@ pub(super) struct View {
     /// The frames to export [default: the first 4]
     #[arg(long, value_name = "K,K...", value_delimiter = ',', requires = "export")]
     frames: Vec<u32>,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
 }
 
 impl View {
@@ -50,7 +55,7 @@ impl View {
         let subject = Subject::of(self.path.as_deref(), &self.results)?;
         if let Some(out) = &self.export {
             let options =
-                ExportOptions { out: out.clone(), force: common.force, frames: self.frames.clone() };
+                ExportOptions { out: out.clone(), force: self.replace.force, frames: self.frames.clone() };
             let exported = export(subject, &options)?;
             if !exported.left_out.is_empty() {
                 let (limit, left_out) = (exported.limit_bytes >> 20, &exported.left_out);
@@ -61,7 +66,7 @@ impl View {
             }
             let (mb, frames) = (exported.bytes as f64 / 1e6, exported.frames.len());
             let text = format!("{}: {frames} frames, {mb:.1} MB", exported.out.display());
-            return report(&text, &exported, common);
+            return written(out, &text, &exported, common);
         }
         let options = ViewOptions { port: self.port, stay: self.stay };
         serve(subject, options, |Served { address, title }| {

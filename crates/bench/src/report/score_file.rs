@@ -35,6 +35,9 @@ pub(super) fn read(path: &Path) -> Result<Score> {
 /// # Errors
 /// A file that is malformed.
 pub(super) fn read_units(path: &Path) -> Result<Option<UnitScores>> {
+    if storage::is_standard(path) {
+        return Ok(None);
+    }
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let file = folder.join(UNITS);
     if !file.is_file() {

@@ -15,6 +15,8 @@ use storage::folder::is_partial;
 pub struct Subject {
     /// The scenario's file, which `save` writes; `None` if the page starts from a shipped scenario.
     pub scenario: Option<PathBuf>,
+    /// Name of the shipped scenario that was asked for.
+    pub shipped: Option<String>,
     /// The datasets: one, or the cases of a sweep.
     pub datasets: Vec<DatasetEntry>,
     /// The trackers whose results are shown.
@@ -75,8 +77,11 @@ impl Subject {
             let what = "is a scenario, which has no results";
             return Err(Error::input(format!("{}: {} {what}", stray.display(), path.display())));
         }
+        let named = shipped().into_iter().find(|(name, _)| path.as_os_str() == *name);
         if path.exists() {
             read_text(path)?;
+        } else if let Some((name, _)) = named {
+            return Ok(Subject { shipped: Some(name.to_owned()), ..Subject::default() });
         } else if !path.extension().is_some_and(|end| end == "ron" || end == "json") {
             let expected = "expected a scenario, a dataset or a sweep's folder";
             return Err(Error::input(format!("{}: not found; {expected}", path.display())));
@@ -148,8 +153,10 @@ impl Subject {
             (Some(path), _) if path.exists() => path.clone(),
             (None, Some(dataset)) if dataset.folder.join(SCENARIO).is_file() => dataset.folder.join(SCENARIO),
             (path, _) => {
-                let start = shipped().into_iter().find(|(name, _)| *name == "quickstart");
-                let name = path.as_ref().map_or_else(|| "scenario.ron".into(), |p| p.display().to_string());
+                let named = self.shipped.as_deref();
+                let start = shipped().into_iter().find(|(name, _)| *name == named.unwrap_or("quickstart"));
+                let name = path.as_ref().map(|p| p.display().to_string());
+                let name = name.unwrap_or_else(|| format!("{}.ron", named.unwrap_or("scenario")));
                 return Ok((name, start.map(|(_, text)| text.to_owned()).unwrap_or_default()));
             }
         };
@@ -210,4 +217,20 @@ fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
 fn is_name(text: &str) -> bool {
     let mut parts = Path::new(text).components();
     matches!((parts.next(), parts.next()), (Some(std::path::Component::Normal(_)), None))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shipped_scenario_is_shown_by_its_name() {
+        let subject = Subject::of(Some(Path::new("coffee_ring")), &[]).unwrap();
+        let (name, text) = subject.text().unwrap();
+        assert_eq!((name.as_str(), subject.scenario), ("coffee_ring.ron", None));
+        assert!(text.contains("name: \"coffee_ring\""));
+        assert_eq!(Subject::default().text().unwrap().0, "scenario.ron");
+        let said = Subject::of(Some(Path::new("cofee_ring")), &[]).unwrap_err().to_string();
+        assert!(said.contains("cofee_ring: not found; expected a scenario"), "{said}");
+    }
 }

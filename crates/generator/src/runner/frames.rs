@@ -40,8 +40,6 @@ pub(super) fn in_batches<T: Send>(
     mut add: impl FnMut(Vec<T>) -> Result<()> + Send,
 ) -> Result<()> {
     let bar = progress.images(u64::from(scenario.recordings.frames()));
-    // Keeps the bar moving while trajectories are integrated and no image is finished.
-    bar.enable_steady_tick(std::time::Duration::from_millis(500));
     let mut all = Frames::new(scenario)?;
     let (mut before, mut batch, mut taken) = (None, next_batch(&mut all)?, Vec::new());
     while !batch.is_empty() {
@@ -66,7 +64,7 @@ pub(super) fn in_batches<T: Send>(
         batch = next?;
     }
     add(taken)?;
-    bar.finish_and_clear();
+    bar.finish();
     Ok(())
 }
 
@@ -118,7 +116,7 @@ pub(super) fn write_taken(
         let outputs: Vec<_> = truths.par_iter().enumerate().map(store).collect::<Result<_>>()?;
         outputs.into_iter().try_for_each(|(index, text, stored)| writer.add(index, &text, stored))?;
     }
-    bar.finish_and_clear();
+    bar.finish();
     writer.finish(partial.folder())
 }
 

@@ -79,7 +79,7 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
     // Placing the particles reveals whether they fit into the box; done here, before anything is written.
     let placing = options.progress.spinner("placing particles and following the first trajectories");
     let first = FirstFrames::new(scenario)?;
-    placing.finish_and_clear();
+    placing.finish();
     let Some(partial) = begin(scenario, options)? else { return Ok(None) };
     let camera = camera(scenario)?;
     let truth = Truth::new(scenario, camera.renderer())?;

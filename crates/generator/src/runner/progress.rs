@@ -1,12 +1,16 @@
-//! Progress bars with rate and remaining time, shown on standard error if it is a terminal.
+//! Progress with rate and remaining time on standard error: bars on a terminal, otherwise reports.
 
+use std::borrow::Cow;
 use std::io::Write as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
-use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
+use indicatif::{
+    HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle,
+};
 use microsig_core::render::TableStore;
 
+use super::reports::{Form, Reported, Reports};
 use storage::error::{Error, Result};
 use storage::table_cache::TableFolder;
 
@@ -20,6 +24,8 @@ pub enum Progress {
     Bar,
     /// Bars below existing ones.
     Below(MultiProgress),
+    /// Lines or JSON instead of bars; whether for a part of a longer task.
+    Reports(Arc<Reports>, bool),
     /// No bars.
     Hidden,
     /// Work that another thread may stop.
@@ -55,11 +61,22 @@ impl Progress {
         }
     }
 
+    /// A line every minute, with the time left.
+    pub fn lines() -> Self {
+        Progress::Reports(Reports::start(Form::Lines, report), false)
+    }
+
+    /// A JSON object per task and line, when the task begins, every second, and when it ends.
+    pub fn json() -> Self {
+        Progress::Reports(Reports::start(Form::Json, report), false)
+    }
+
     /// Whether notes are printed: not if bars are hidden, and not for a part of a longer task.
     pub(crate) fn has_notes(&self) -> bool {
         match self {
             Progress::Bar => true,
             Progress::Stoppable(_, shown) => shown.has_notes(),
+            Progress::Reports(_, is_part) => !is_part,
             Progress::Below(_) | Progress::Hidden => false,
         }
     }
@@ -73,14 +90,17 @@ impl Progress {
     }
 
     /// A bar for `n` images.
-    pub fn images(&self, n: u64) -> ProgressBar {
+    pub fn images(&self, n: u64) -> Bar {
         self.bar(n, "images")
     }
 
     /// A bar for the `n` cases of a sweep, and the progress within a case, shown below it.
-    pub fn cases(&self, n: u64) -> (ProgressBar, Progress) {
+    pub fn cases(&self, n: u64) -> (Bar, Progress) {
         match self {
-            Progress::Hidden => (ProgressBar::hidden(), Progress::Hidden),
+            Progress::Hidden => (Bar::default(), Progress::Hidden),
+            Progress::Reports(reports, _) => {
+                (self.bar(n, "cases"), Progress::Reports(Arc::clone(reports), true))
+            }
             Progress::Stoppable(stop, shown) => {
                 let (bar, within) = shown.cases(n);
                 (bar, Progress::Stoppable(stop.clone(), Box::new(within)))
@@ -93,10 +113,11 @@ impl Progress {
     }
 
     /// A spinner with the elapsed time, for work of unknown duration.
-    pub fn spinner(&self, what: &'static str) -> ProgressBar {
+    pub fn spinner(&self, what: &'static str) -> Bar {
         let bar = match self {
-            Progress::Hidden => return ProgressBar::hidden(),
+            Progress::Hidden => return Bar::default(),
             Progress::Stoppable(_, shown) => return shown.spinner(what),
+            Progress::Reports(reports, _) => return Bar::reported(reports, 0, what),
             Progress::Bar => BARS.add(ProgressBar::new_spinner()),
             Progress::Below(bars) => bars.add(ProgressBar::new_spinner()),
         };
@@ -105,14 +126,14 @@ impl Progress {
         }
         bar.set_message(what);
         bar.enable_steady_tick(std::time::Duration::from_millis(200));
-        bar
+        Bar { bar, reported: None }
     }
 
-    fn bar(&self, n: u64, what: &str) -> ProgressBar {
-        // indicatif draws on standard error, and nothing if that is not a terminal.
+    fn bar(&self, n: u64, what: &'static str) -> Bar {
         let bar = match self {
-            Progress::Hidden => return ProgressBar::hidden(),
+            Progress::Hidden => return Bar::default(),
             Progress::Stoppable(_, shown) => return shown.bar(n, what),
+            Progress::Reports(reports, _) => return Bar::reported(reports, n, what),
             Progress::Bar => BARS.add(ProgressBar::new(n)),
             Progress::Below(bars) => bars.add(ProgressBar::new(n)),
         };
@@ -120,8 +141,52 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template(&template) {
             bar.set_style(style.with_key("rate", rate).with_key("left", left));
         }
-        bar.tick();
-        bar
+        // Keeps the bar moving while no part is finished.
+        bar.enable_steady_tick(std::time::Duration::from_millis(500));
+        Bar { bar, reported: None }
+    }
+}
+
+/// Writes a line of a report; if that is not possible, the work goes on.
+fn report(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
+/// A task whose progress is shown.
+#[derive(Debug)]
+pub struct Bar {
+    bar: ProgressBar,
+    reported: Option<Reported>,
+}
+
+impl Default for Bar {
+    /// A bar that is not shown.
+    fn default() -> Self {
+        Bar { bar: ProgressBar::hidden(), reported: None }
+    }
+}
+
+impl Bar {
+    fn reported(reports: &Arc<Reports>, n: u64, what: &'static str) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(n), ProgressDrawTarget::hidden());
+        let reported = Some(reports.task(what, bar.clone()));
+        Bar { bar, reported }
+    }
+
+    /// `n` more parts are done.
+    pub fn inc(&self, n: u64) {
+        self.bar.inc(n);
+    }
+
+    /// States which part is under way.
+    pub fn set_message(&self, message: impl Into<Cow<'static, str>>) {
+        self.bar.set_message(message);
+    }
+
+    /// Ends the task.
+    pub fn finish(self) {
+        self.bar.finish_and_clear();
+        drop(self.reported);
     }
 }
 
@@ -131,7 +196,7 @@ pub struct Tables {
     folder: Option<TableFolder>,
     progress: Progress,
     /// The bar, while tables are computed.
-    bar: Mutex<Option<ProgressBar>>,
+    bar: Mutex<Option<Bar>>,
 }
 
 impl Tables {
@@ -152,16 +217,15 @@ impl TableStore for Tables {
 
     fn begun(&self, tables: usize) {
         let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
-        bar.get_or_insert_with(|| self.progress.bar(0, "image tables")).inc_length(tables as u64);
+        bar.get_or_insert_with(|| self.progress.bar(0, "image tables")).bar.inc_length(tables as u64);
     }
 
     fn made(&self) {
         let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(shown) = bar.as_ref() else { return };
         shown.inc(1);
-        if Some(shown.position()) == shown.length() {
-            shown.finish_and_clear();
-            *bar = None;
+        if Some(shown.bar.position()) == shown.bar.length() {
+            bar.take().into_iter().for_each(Bar::finish);
         }
     }
 }

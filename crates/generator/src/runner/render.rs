@@ -93,10 +93,11 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     }
     let particles = check(&files, &camera, &options.progress, &mut warnings)?;
 
-    let image_names: Vec<PathBuf> = files
-        .iter()
-        .map(|f| PathBuf::from(f.file_stem().unwrap_or_default()).with_added_extension("tif"))
-        .collect();
+    let stem = |file: &PathBuf| match storage::is_standard(file) {
+        true => PathBuf::from("image"),
+        false => PathBuf::from(file.file_stem().unwrap_or_default()),
+    };
+    let image_names: Vec<PathBuf> = files.iter().map(|file| stem(file).with_added_extension("tif")).collect();
     // A new folder gets its name when all images are in it; in an existing folder, images appear one by one.
     // The path is canonicalized because `.` and links have no name that could be locked.
     let canonical = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
@@ -128,7 +129,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
         bar.inc(1);
         Ok::<(), Error>(())
     })?;
-    bar.finish_and_clear();
+    bar.finish();
     if let Some(partial) = partial {
         partial.finish_without_journal(Earlier::new(MANIFEST, false))?;
     }
@@ -170,7 +171,7 @@ fn read(path: &Path) -> Result<Vec<Particle>> {
 /// The data files in natural order of names: the file itself, or all `*.txt` files of a folder except the
 /// settings file.
 fn data_files(data: &Path, settings: &Path) -> Result<Vec<PathBuf>> {
-    if data.is_file() {
+    if data.is_file() || storage::is_standard(data) {
         return Ok(vec![data.to_owned()]);
     }
     let settings = settings.canonicalize().ok();

@@ -16,14 +16,13 @@ use serde::{Deserialize, Serialize};
 use super::generate::{GenerateOptions, generate};
 use super::progress::Progress;
 use super::shard::Shard;
-use super::sweep::{Outcome, Swept, attempt, reason};
+use super::sweep::{Outcome, Swept, attempt, reason, refuse_existing};
 use super::verify::verify;
 use dataset::manifest::MANIFEST;
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
 use storage::checksums::{Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
-use storage::folder::is_empty;
-use storage::{TemporaryFolder, read_text, save_bytes};
+use storage::{TemporaryFolder, read_text, save_changed};
 
 /// The datasets of a suite to work on.
 #[derive(Debug, Clone, Default)]
@@ -160,19 +159,13 @@ pub fn generate_suite(
     }
     if !options.resume && !options.force {
         for (case, split) in &mine {
-            let dataset = out.join(case.split_folder(*split));
-            if let Some(path) =
-                [dataset.clone(), reason(&dataset)].iter().find(|path| path.exists() && !is_empty(path))
-            {
-                let hint = "already exists; --resume continues, --force replaces it";
-                return Err(Error::input(format!("{}: {hint}", path.display())));
-            }
+            refuse_existing(&out.join(case.split_folder(*split)))?;
         }
     }
     std::fs::create_dir_all(out).map_err(Error::write(out))?;
     let record = serde_json::to_string_pretty(&SuiteRecord::of(suite, size));
     let record = record.map_err(|e| Error::input(e.to_string()))?;
-    save_bytes(&out.join(RECORD), format!("{record}\n").as_bytes())?;
+    save_changed(&out.join(RECORD), format!("{record}\n").as_bytes())?;
     let (bar, within) = options.progress.cases(mine.len() as u64);
     let mut made = 0;
     for (case, split) in &mine {
@@ -185,10 +178,12 @@ pub fn generate_suite(
         made += usize::from(attempt(scenario, &dataset, (options.force, options.resume), &within)?);
         bar.inc(1);
     }
-    bar.finish_and_clear();
+    bar.finish();
+    let failed_now =
+        mine.iter().filter(|(case, split)| reason(&out.join(case.split_folder(*split))).exists()).count();
     let (cases, done, failed) = collect(suite, size, out)?;
     let (out, shard) = (out.clone(), chosen.shard);
-    Ok(Swept { out, shard, cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
+    Ok(Swept { out, shard, cases, done, failed, made, failed_now, seconds: start.elapsed().as_secs_f64() })
 }
 
 /// Counts the finished and failed datasets of a size, and writes the table if none is outstanding.
@@ -214,7 +209,7 @@ fn collect(suite: &Suite, size: Size, out: &Path) -> Result<(usize, usize, usize
     }
     if done + failures == all.len() {
         let bytes = table.into_inner().map_err(|e| unwritable(csv::Error::from(e.into_error())))?;
-        save_bytes(&out.join(TABLE), &bytes)?;
+        save_changed(&out.join(TABLE), &bytes)?;
     }
     Ok((all.len(), done, failures))
 }
@@ -343,7 +338,7 @@ pub fn check_suite(
         check.hashes.extend(named);
         bar.inc(1);
     }
-    bar.finish_and_clear();
+    bar.finish();
     if let Some(frozen) = frozen {
         let of_mine = |part: &&String| {
             mine.iter().any(|(case, split)| {

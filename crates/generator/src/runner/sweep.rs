@@ -18,7 +18,7 @@ use dataset::manifest::{MANIFEST, Manifest};
 use scenario::{Case, Scenario, Sweep, resolve};
 use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, is_empty};
-use storage::{read_text, save_bytes};
+use storage::{read_text, save_bytes, save_changed};
 
 /// Options of [`sweep`].
 #[derive(Debug, Clone)]
@@ -29,12 +29,33 @@ pub struct SweepOptions {
     pub inputs: PathBuf,
     /// The cases to run.
     pub shard: Shard,
+    /// Only this one of them.
+    pub case: Option<String>,
     /// Replace existing cases.
     pub force: bool,
     /// Skip finished cases and continue interrupted ones.
     pub resume: bool,
     /// How progress is shown.
     pub progress: Progress,
+}
+
+impl SweepOptions {
+    /// The cases to run.
+    ///
+    /// # Errors
+    /// A case that the sweep does not have.
+    pub fn cases<'a>(&self, sweep: &'a Sweep) -> Result<Vec<&'a Case>> {
+        let mine = sweep.cases.iter().filter(|case| self.shard.has(case.index));
+        let Some(name) = &self.case else { return Ok(mine.collect()) };
+        let found: Vec<&Case> = mine.filter(|case| case.name == *name).collect();
+        match (&*found, sweep.cases.first().zip(sweep.cases.last())) {
+            ([], Some((first, last))) => {
+                let expected = format!("expected {} to {}", first.name, last.name);
+                Err(Error::input(format!("case {name}: {expected}")))
+            }
+            _ => Ok(found),
+        }
+    }
 }
 
 /// Summary of a sweep.
@@ -52,6 +73,8 @@ pub struct Swept {
     pub failed: usize,
     /// Number of cases that this run generated.
     pub made: usize,
+    /// Number of cases that failed in this run.
+    pub failed_now: usize,
     /// Duration, s.
     pub seconds: f64,
 }
@@ -72,30 +95,26 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
             options.out.display()
         )));
     }
+    let mine = options.cases(sweep)?;
     std::fs::create_dir_all(&options.out).map_err(Error::write(&options.out))?;
-    let mine: Vec<&Case> = sweep.cases.iter().filter(|c| options.shard.has(c.index)).collect();
     if !options.resume && !options.force {
         for case in &mine {
-            for path in [options.out.join(&case.name), reason(&options.out.join(&case.name))] {
-                if path.exists() && !is_empty(&path) {
-                    let hint = "already exists; --resume continues, --force replaces it";
-                    return Err(Error::input(format!("{}: {hint}", path.display())));
-                }
-            }
+            refuse_existing(&options.out.join(&case.name))?;
         }
     }
     let (bar, within) = options.progress.cases(mine.len() as u64);
     let mut made = 0;
-    for case in mine {
+    for case in &mine {
         bar.set_message(case.name.clone());
         made += usize::from(run(sweep, case, options, &within)?);
         bar.inc(1);
     }
-    bar.finish_and_clear();
-    let (done, failed) = collect(sweep, &options.out)?;
+    bar.finish();
+    let (done, failed) = tabulate(sweep, &options.out, options.force)?;
+    let failed_now = mine.iter().filter(|case| reason(&options.out.join(&case.name)).exists()).count();
     let cases = sweep.cases.len();
     let (out, shard) = (options.out.clone(), options.shard);
-    Ok(Swept { out, shard, cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
+    Ok(Swept { out, shard, cases, done, failed, made, failed_now, seconds: start.elapsed().as_secs_f64() })
 }
 
 /// Generates one case; returns `false` if it is already finished, or if it fails and the reason is written
@@ -141,6 +160,17 @@ pub(super) fn attempt(
             save_bytes(&reason, text.as_bytes())?;
             Ok(false)
         }
+    }
+}
+
+/// Refuses a dataset that exists, or the reason why it could not be generated.
+pub(super) fn refuse_existing(out: &Path) -> Result<()> {
+    match [out.to_owned(), reason(out)].iter().find(|path| path.exists() && !is_empty(path)) {
+        Some(path) => {
+            let hint = "already exists; --force replaces it, --resume continues the run";
+            Err(Error::input(format!("{}: {hint}", path.display())))
+        }
+        None => Ok(()),
     }
 }
 
@@ -199,6 +229,11 @@ impl Outcome {
 /// # Errors
 /// A dataset without a readable manifest; an I/O error.
 pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
+    tabulate(sweep, out, false)
+}
+
+/// [`collect`]; `replacing`: cases of another sweep are yet to be replaced, by other runs.
+fn tabulate(sweep: &Sweep, out: &Path, replacing: bool) -> Result<(usize, usize)> {
     let (mut done, mut failures) = (0, 0);
     let mut table = csv::Writer::from_writer(Vec::new());
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
@@ -221,14 +256,18 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
         row.extend(axes().map(|(i, _)| case.values[i].clone()));
         let name = sweep.name_of(case);
         let dataset = out.join(&case.name);
-        let Some(outcome) = Outcome::of(&dataset, (&name, case.seed), "sweep")? else { continue };
+        let outcome = match Outcome::of(&dataset, (&name, case.seed), "sweep") {
+            Err(Error::Input(_)) if replacing => None,
+            outcome => outcome?,
+        };
+        let Some(outcome) = outcome else { continue };
         *(if outcome.is_done() { &mut done } else { &mut failures }) += 1;
         row.extend(outcome.cells());
         table.write_record(&row).map_err(unwritable)?;
     }
     if done + failures == sweep.cases.len() {
         let bytes = table.into_inner().map_err(|e| unwritable(csv::Error::from(e.into_error())))?;
-        save_bytes(&out.join(TABLE), &bytes)?;
+        save_changed(&out.join(TABLE), &bytes)?;
     }
     Ok((done, failures))
 }

@@ -12,8 +12,9 @@ use std::sync::Arc;
 pub use read::suite_schema;
 pub use spec::{AxisLabel, LadderSpec, Metric, Size, SizeSpec, Sizes, SuiteSpec, TrackSpec};
 
-use super::load::{assignment, read_text, set};
+use super::load::{assignment, set};
 use super::shipped::{SHIPPED, shipped_suites};
+use super::source::read_text;
 use super::spec::Spec;
 use super::splits::Split;
 use storage::TemporaryFolder;
@@ -113,7 +114,7 @@ impl Suite {
     /// and line.
     pub fn open(suite: &Path) -> Result<Self> {
         let file = if suite.is_dir() { suite.join(SUITE) } else { suite.to_owned() };
-        if file.exists() {
+        if file.exists() || storage::is_standard(&file) {
             let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
             return Suite::parse(&read_text(&file)?, &file.display().to_string(), folder);
         }

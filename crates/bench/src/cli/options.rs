@@ -1,0 +1,75 @@
+//! Options that several verbs share; each verb flattens those that it uses.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::argument;
+use scenario::Scenario;
+use storage::error::Result;
+
+/// A scenario, with changes.
+#[derive(Debug, Args)]
+pub(super) struct ScenarioOptions {
+    /// The scenario (RON or JSON): a file, `-` for standard input, or the name of a shipped one
+    #[arg(value_name = "SCENARIO")]
+    file: PathBuf,
+    /// Override a value of the scenario, written as in the file; may be repeated
+    #[arg(long, value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    #[command(flatten)]
+    random: Random,
+}
+
+impl ScenarioOptions {
+    /// The scenario.
+    ///
+    /// # Errors
+    /// As for [`scenario::load`].
+    pub(super) fn load(&self) -> Result<Scenario> {
+        scenario::load(&self.file, &self.set, self.random.seed)
+    }
+}
+
+/// The seed of verbs that draw random numbers.
+#[derive(Debug, Args)]
+pub(super) struct Random {
+    /// Seed of all random numbers [default: that of the scenario or sweep, otherwise 0]
+    #[arg(long, value_name = "N", value_parser = argument::seed)]
+    pub(super) seed: Option<u64>,
+}
+
+/// What verbs do that write files.
+#[derive(Debug, Args)]
+pub(super) struct Replace {
+    /// Replace existing output
+    #[arg(long, short)]
+    pub(super) force: bool,
+}
+
+/// The cache of verbs that compute images.
+#[derive(Debug, Args)]
+pub(super) struct ImageTables {
+    /// Recompute the image tables of `expected` and `waves`, and do not store them (see MICROSIG_CACHE)
+    #[arg(long)]
+    no_cache: bool,
+}
+
+impl ImageTables {
+    /// Whether tables are read from the cache and stored there.
+    pub(super) fn are_kept(&self) -> bool {
+        !self.no_cache
+    }
+}
+
+/// How progress is reported.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub(super) enum ProgressStyle {
+    /// Bars on a terminal, otherwise lines
+    #[default]
+    Auto,
+    /// A line every minute, with the time left
+    Lines,
+    /// A JSON object per line, at most one a second for each task
+    Json,
+}

@@ -1,0 +1,241 @@
+//! Progress where bars cannot be drawn: lines for the readers of logs, JSON for programs.
+
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::time::{Duration, Instant};
+
+use indicatif::{HumanDuration, ProgressBar};
+use serde::Serialize;
+use serde_json::json;
+
+/// How tasks are reported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// One line on all running tasks, with the time left.
+    Lines,
+    /// One JSON object per task and line, also when a task begins and when it ends.
+    Json,
+}
+
+/// Why a task is reported as JSON.
+#[derive(Debug, Clone, Copy, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Event {
+    Begin,
+    Progress,
+    End,
+}
+
+impl Form {
+    fn period(self) -> Duration {
+        match self {
+            Form::Lines => Duration::from_secs(60),
+            Form::Json => Duration::from_secs(1),
+        }
+    }
+}
+
+/// Reports the running tasks again and again, from a thread that ends with the last reference.
+pub struct Reports {
+    form: Form,
+    write: Box<dyn Fn(&str) + Send + Sync>,
+    tasks: Mutex<Vec<Weak<Task>>>,
+}
+
+/// A task under way.
+pub(super) struct Task {
+    what: &'static str,
+    since: Instant,
+    bar: ProgressBar,
+}
+
+impl fmt::Debug for Reports {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Reports").field("form", &self.form).finish_non_exhaustive()
+    }
+}
+
+impl Reports {
+    /// Reports to `write`, line by line.
+    pub(super) fn start(form: Form, write: impl Fn(&str) + Send + Sync + 'static) -> Arc<Self> {
+        Self::every(form.period(), form, write)
+    }
+
+    fn every(period: Duration, form: Form, write: impl Fn(&str) + Send + Sync + 'static) -> Arc<Self> {
+        let reports = Arc::new(Reports { form, write: Box::new(write), tasks: Mutex::default() });
+        let again = Arc::downgrade(&reports);
+        // Without the thread, only JSON of beginnings and ends is written.
+        let _ = std::thread::Builder::new().name("progress".to_owned()).spawn(move || {
+            loop {
+                std::thread::sleep(period);
+                match again.upgrade() {
+                    Some(reports) => reports.all(),
+                    None => return,
+                }
+            }
+        });
+        reports
+    }
+
+    /// Begins a task; it ends when it is dropped.
+    pub(super) fn task(self: &Arc<Self>, what: &'static str, bar: ProgressBar) -> Reported {
+        let task = Arc::new(Task { what, since: Instant::now(), bar });
+        self.tasks.lock().unwrap_or_else(PoisonError::into_inner).push(Arc::downgrade(&task));
+        let reported = Reported { reports: Arc::clone(self), task };
+        reported.tell(Event::Begin);
+        reported
+    }
+
+    /// Reports all running tasks.
+    fn all(&self) {
+        let mut tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner);
+        tasks.retain(|task| task.strong_count() > 0);
+        let running: Vec<Arc<Task>> = tasks.iter().filter_map(Weak::upgrade).collect();
+        drop(tasks);
+        match self.form {
+            Form::Json => running.iter().for_each(|task| (self.write)(&task.json(Event::Progress))),
+            Form::Lines => line(&running).iter().for_each(|line| (self.write)(line)),
+        }
+    }
+}
+
+/// A task that is reported until it is dropped.
+#[derive(Debug)]
+pub(super) struct Reported {
+    reports: Arc<Reports>,
+    task: Arc<Task>,
+}
+
+impl Reported {
+    fn tell(&self, event: Event) {
+        if self.reports.form == Form::Json {
+            (self.reports.write)(&self.task.json(event));
+        }
+    }
+}
+
+impl Drop for Reported {
+    fn drop(&mut self) {
+        self.tell(Event::End);
+    }
+}
+
+impl fmt::Debug for Task {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.bar.position(), self.what)
+    }
+}
+
+impl Task {
+    /// The number of parts; `None` if it is unknown.
+    fn total(&self) -> Option<u64> {
+        self.bar.length().filter(|total| *total > 0)
+    }
+
+    /// The completed fraction, with that of the part under way; `None` if it is unknown.
+    fn fraction(&self, of_part: f64) -> Option<f64> {
+        Some(((self.bar.position() as f64 + of_part) / self.total()? as f64).min(1.0))
+    }
+
+    /// The time left at the mean speed so far; `None` if it is unknown.
+    fn left(&self, of_part: f64) -> Option<Duration> {
+        let fraction = self.fraction(of_part).filter(|fraction| *fraction > 0.0)?;
+        Duration::try_from_secs_f64(self.since.elapsed().as_secs_f64() * (1.0 / fraction - 1.0)).ok()
+    }
+
+    fn json(&self, event: Event) -> String {
+        let message = Some(self.bar.message()).filter(|message| !message.is_empty());
+        let whole = json!({
+            "event": event,
+            "task": self.what,
+            "message": message,
+            "done": self.bar.position(),
+            "total": self.total(),
+            "seconds": self.since.elapsed().as_secs_f64(),
+            "seconds_left": self.left(0.0).map(|left| left.as_secs_f64()),
+        });
+        whole.to_string()
+    }
+}
+
+/// The running tasks as a line: the first contains the others. `None` without tasks.
+fn line(running: &[Arc<Task>]) -> Option<String> {
+    let (first, within) = running.split_first()?;
+    let described = running.iter().map(|task| {
+        let count = task.total().map(|total| format!("{} of {total} ", task.bar.position()));
+        let message = Some(task.bar.message()).filter(|message| !message.is_empty() && message != task.what);
+        let message = message.map(|message| format!(" ({message})"));
+        format!("{}{}{}", count.unwrap_or_default(), task.what, message.unwrap_or_default())
+    });
+    let described: Vec<String> = described.collect();
+    let of_part = within.first().and_then(|task| task.fraction(0.0)).filter(|part| *part < 1.0);
+    let left = first.left(of_part.unwrap_or_default());
+    let left = left
+        .map_or_else(|| "time left unknown".to_owned(), |left| format!("about {} left", HumanDuration(left)));
+    Some(format!("{}; {} so far, {left}", described.join(", "), HumanDuration(first.since.elapsed())))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use indicatif::ProgressDrawTarget;
+
+    use super::*;
+
+    fn bar(n: u64, done: u64) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(Some(n), ProgressDrawTarget::hidden());
+        bar.set_position(done);
+        bar
+    }
+
+    #[test]
+    fn lines_state_what_is_done_and_how_long_the_rest_takes() {
+        let minutes = |m: u64| Instant::now().checked_sub(Duration::from_secs(60 * m)).unwrap();
+        let cases = Task { what: "cases", since: minutes(10), bar: bar(20, 4) };
+        cases.bar.set_message("case_00004");
+        let images = Task { what: "images", since: minutes(1), bar: bar(8, 4) };
+        let tasks = [Arc::new(cases), Arc::new(images)];
+        // 4.5 of 20 cases in 10 minutes leave 34.4 minutes.
+        let expected = "4 of 20 cases (case_00004), 4 of 8 images; 10 minutes so far, about 34 minutes left";
+        assert_eq!(line(&tasks).unwrap(), expected);
+        let fit = Task { what: "fit", since: minutes(2), bar: bar(0, 0) };
+        assert_eq!(line(&[Arc::new(fit)]).unwrap(), "fit; 2 minutes so far, time left unknown");
+        assert_eq!(line(&[]), None);
+    }
+
+    #[test]
+    fn tasks_are_reported_periodically_until_they_end() {
+        let (sender, lines) = mpsc::channel();
+        let sender = Mutex::new(sender);
+        let write = move |line: &str| sender.lock().unwrap().send(line.to_owned()).unwrap_or_default();
+        let reports = Reports::every(Duration::from_millis(5), Form::Lines, write);
+        let images = bar(8, 0);
+        let task = reports.task("images", images.clone());
+        images.set_position(2);
+        let wait = Duration::from_secs(20);
+        while !lines.recv_timeout(wait).unwrap().starts_with("2 of 8 images; ") {}
+        drop(task);
+        drop(reports);
+        // The thread ends, and with it the sender.
+        while lines.recv_timeout(wait).is_ok() {}
+        assert_eq!(lines.recv_timeout(wait), Err(mpsc::RecvTimeoutError::Disconnected));
+    }
+
+    #[test]
+    fn json_has_the_beginning_and_the_end_of_every_task() {
+        let lines: Arc<Mutex<Vec<serde_json::Value>>> = Arc::default();
+        let kept = Arc::clone(&lines);
+        let write = move |line: &str| kept.lock().unwrap().push(serde_json::from_str(line).unwrap());
+        let reports = Reports::every(Duration::from_secs(3600), Form::Json, write);
+        let images = bar(8, 0);
+        let task = reports.task("images", images.clone());
+        images.set_position(8);
+        drop(task);
+        let lines = lines.lock().unwrap();
+        let of = |key: &str| lines.iter().map(|line| line[key].clone()).collect::<Vec<_>>();
+        assert_eq!((of("event"), of("task")), (vec![json!("begin"), json!("end")], vec![json!("images"); 2]));
+        assert_eq!((of("done"), of("total")), (vec![json!(0), json!(8)], vec![json!(8), json!(8)]));
+        assert_eq!(of("seconds_left"), [json!(null), json!(0.0)]);
+    }
+}
