@@ -22,6 +22,8 @@ pub enum Progress {
     Below(MultiProgress),
     /// No bars.
     Hidden,
+    /// Bars that another thread looks at.
+    Watched(Watched),
     /// Work that another thread may stop.
     Stoppable(Stop, Box<Progress>),
 }
@@ -39,6 +41,31 @@ impl Stop {
     /// Whether the work is to stop.
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Bars of work that another thread looks at; clones share them.
+#[derive(Debug, Clone, Default)]
+pub struct Watched(Arc<Mutex<Vec<(String, ProgressBar)>>>);
+
+impl Watched {
+    /// What is being made, how many are done, and how many there are (0 if that is unknown): of the bar that
+    /// was begun last and has not finished, or of the last of all.
+    pub fn now(&self) -> Option<(String, u64, u64)> {
+        let mut bars = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        while bars.len() > 1 && bars.last().is_some_and(|(_, bar)| bar.is_finished()) {
+            bars.pop();
+        }
+        let (what, bar) = bars.last()?;
+        Some((what.clone(), bar.position(), bar.length().unwrap_or(0)))
+    }
+
+    fn begin(&self, what: &str, length: Option<u64>) -> ProgressBar {
+        let bar = ProgressBar::hidden();
+        length.into_iter().for_each(|n| bar.set_length(n));
+        let mut bars = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        bars.push((what.to_owned(), bar.clone()));
+        bar
     }
 }
 
@@ -60,7 +87,7 @@ impl Progress {
         match self {
             Progress::Bar => true,
             Progress::Stoppable(_, shown) => shown.has_notes(),
-            Progress::Below(_) | Progress::Hidden => false,
+            Progress::Below(_) | Progress::Hidden | Progress::Watched(_) => false,
         }
     }
 
@@ -81,6 +108,8 @@ impl Progress {
     pub fn cases(&self, n: u64) -> (ProgressBar, Progress) {
         match self {
             Progress::Hidden => (ProgressBar::hidden(), Progress::Hidden),
+            // Its parts would only interrupt it.
+            Progress::Watched(watched) => (watched.begin("cases", Some(n)), Progress::Hidden),
             Progress::Stoppable(stop, shown) => {
                 let (bar, within) = shown.cases(n);
                 (bar, Progress::Stoppable(stop.clone(), Box::new(within)))
@@ -96,6 +125,7 @@ impl Progress {
     pub fn spinner(&self, what: &'static str) -> ProgressBar {
         let bar = match self {
             Progress::Hidden => return ProgressBar::hidden(),
+            Progress::Watched(watched) => return watched.begin(what, None),
             Progress::Stoppable(_, shown) => return shown.spinner(what),
             Progress::Bar => BARS.add(ProgressBar::new_spinner()),
             Progress::Below(bars) => bars.add(ProgressBar::new_spinner()),
@@ -112,6 +142,7 @@ impl Progress {
         // indicatif draws on standard error, and nothing if that is not a terminal.
         let bar = match self {
             Progress::Hidden => return ProgressBar::hidden(),
+            Progress::Watched(watched) => return watched.begin(what, Some(n)),
             Progress::Stoppable(_, shown) => return shown.bar(n, what),
             Progress::Bar => BARS.add(ProgressBar::new(n)),
             Progress::Below(bars) => bars.add(ProgressBar::new(n)),
