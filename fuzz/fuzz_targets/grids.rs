@@ -1,5 +1,5 @@
-//! Gridded velocities: the first byte selects .npy, .csv, .vtk or .vti. An accepted grid gives a field that can be
-//! evaluated.
+//! Gridded velocities: the first byte selects .npy, .csv, .vtk or .vti. An accepted grid gives a field that
+//! can be evaluated.
 #![no_main]
 
 use flows::VelocityField;

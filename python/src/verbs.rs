@@ -14,8 +14,8 @@ use pyo3::prelude::*;
 use crate::dataset::ScenarioText;
 use crate::run::{OnInterrupt, Show, run};
 
-/// Runs a verb; `arguments` begin with the program's name. Gives its result as JSON (empty if it has none) and
-/// as text, warnings, and the checks that failed.
+/// Runs a verb; `arguments` begin with the program's name. Gives its result as JSON (empty if it has none)
+/// and as text, warnings, and the checks that failed.
 #[pyfunction]
 fn call(
     py: Python<'_>,

@@ -256,7 +256,8 @@ fn stacks_hold_images_and_scale() {
         assert_eq!(counts(&[exported(format, "frames")]), counts(&files("images")), "{format}");
         let scan = exported(format, "calibration");
         assert_eq!(counts(std::slice::from_ref(&scan)), counts(&files("calibration/images")), "{format}");
-        // The origin of z is that of the file's first page, so depths of particles differ, and rounding with them.
+        // The origin of z is that of the file's first page, so depths of particles differ, and rounding
+        // with them.
         for (found, expected) in fitted(&scan, &[]).iter().zip(&expected) {
             assert!((found / expected - 1.0).abs() < 1e-3, "{format}: {found} {expected}");
         }

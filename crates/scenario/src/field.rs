@@ -122,10 +122,10 @@ fn formulas(schema: &mut Schema) {
 /// `.vtr` and legacy `.vtk`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Gridded {
-    /// File with the velocities in um/s, relative to the scenario: `.npy` with an array of shape (z, y, x, 3)
-    /// or (time, z, y, x, 3); `.csv` with the columns x_um, y_um, z_um, u_um_s, v_um_s, w_um_s and, for
-    /// several times, t_s; or VTK's `.vti`, `.vtr` (with equal steps) and legacy `.vtk`. A position outside the
-    /// grid has the velocity of the nearest point of the grid.
+    /// File with the velocities in um/s, relative to the scenario: `.npy` with an array of shape (z, y, x,
+    /// 3) or (time, z, y, x, 3); `.csv` with the columns x_um, y_um, z_um, u_um_s, v_um_s, w_um_s and, for
+    /// several times, t_s; or VTK's `.vti`, `.vtr` (with equal steps) and legacy `.vtk`. A position outside
+    /// the grid has the velocity of the nearest point of the grid.
     #[schemars(example = &"velocities.npy")]
     pub file: String,
     /// Interpolation between the nodes.

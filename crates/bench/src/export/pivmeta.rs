@@ -1,5 +1,6 @@
-//! The manifest in the terms of PIVMeta 3.1 (<https://matthiasprobst.github.io/pivmeta>), an ontology of image
-//! velocimetry, as JSON-LD: data set, distributions, setup and its parameters (Metadata4Ing, QUDT units).
+//! The manifest in the terms of PIVMeta 3.1 (<https://matthiasprobst.github.io/pivmeta>), an ontology of
+//! image velocimetry, as JSON-LD: data set, distributions, setup and its parameters (Metadata4Ing, QUDT
+//! units).
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! VTK's XML files of images (`.vti`) and rectilinear grids (`.vtr`), as ParaView, PyVista and OpenFOAM's tools
-//! write them: text, base64 or appended data, uncompressed or compressed by zlib.
+//! VTK's XML files of images (`.vti`) and rectilinear grids (`.vtr`), as ParaView, PyVista and OpenFOAM's
+//! tools write them: text, base64 or appended data, uncompressed or compressed by zlib.
 //!
 //! Velocities are point data in um/s, coordinates are in um. A rectilinear grid must have equal steps.
 
@@ -53,8 +53,8 @@ struct Header {
 
 impl VelocityGrid {
     /// Reads a VTK XML file of an image or of a rectilinear grid with equal steps. The velocity, in um/s, is
-    /// the array that `Vectors` names, else the first with three components; coordinates are in um. `Err` if the
-    /// file is malformed or holds something else.
+    /// the array that `Vectors` names, else the first with three components; coordinates are in um. `Err` if
+    /// the file is malformed or holds something else.
     pub fn from_vtk_xml(mut source: impl BufRead) -> Result<Self> {
         let mut bytes = Vec::new();
         source.read_to_end(&mut bytes).map_err(|e| wrong(e.to_string(), "a file that can be read"))?;
@@ -86,16 +86,22 @@ impl Header {
         let mut reader = Reader::from_str(&text);
         reader.config_mut().check_end_names = false;
         let (mut header, mut within) = (Header::default(), String::new());
+        // Level below an array's element, whose own text is at 1; VTK also writes other elements in it.
+        let mut level = 0;
         loop {
             let event = reader.read_event().map_err(|e| wrong(e.to_string(), "VTK's XML"))?;
             match event {
-                Event::Start(element) => header.open(&element, &mut within)?,
+                Event::Start(element) => {
+                    header.open(&element, &mut within)?;
+                    let is_array = element.local_name().as_ref() == "DataArray";
+                    level = if is_array { 1 } else { level + u32::from(level > 0) };
+                }
                 Event::Empty(element) => {
                     let before = within.clone();
                     header.open(&element, &mut within)?;
                     within = before;
                 }
-                Event::Text(text) => {
+                Event::Text(text) if level == 1 => {
                     let array = match within.as_str() {
                         "PointData" => header.points.last_mut(),
                         "Coordinates" => header.coordinates.last_mut(),
@@ -105,7 +111,12 @@ impl Header {
                         array.text.push_str(&text);
                     }
                 }
-                Event::End(element) if element.local_name().as_ref() != "DataArray" => within.clear(),
+                Event::End(element) => {
+                    level = level.saturating_sub(1);
+                    if element.local_name().as_ref() == within {
+                        within.clear();
+                    }
+                }
                 Event::Eof => break,
                 _ => {}
             }
@@ -366,7 +377,7 @@ mod tests {
         format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" {attributes}>\n\
              <ImageData WholeExtent=\"2 4 0 1 0 1\" Origin=\"0 2 3\" Spacing=\"0.5 1 2\">\n<Piece Extent=\"2 4 0 1 0 1\">\n\
-             <PointData Vectors=\"U\">\n<DataArray type=\"Float64\" Name=\"p\" format=\"ascii\">1 2 3</DataArray>\n\
+             <PointData Vectors=\"U\">\n<DataArray type=\"Float64\" Name=\"p\" format=\"ascii\"><InformationKey name=\"L2\"><Value>0</Value></InformationKey>1 2 3</DataArray>\n\
              <DataArray type=\"Float64\" Name=\"U\" NumberOfComponents=\"3\" {array}</DataArray>\n</PointData>\n\
              <CellData></CellData></Piece></ImageData>{more}</VTKFile>\n"
         )
@@ -380,7 +391,9 @@ mod tests {
     fn images_are_read_in_all_encodings() {
         let bytes: Vec<u8> = numbers().iter().flat_map(|x| x.to_le_bytes()).collect();
         let text: Vec<String> = numbers().iter().map(f64::to_string).collect();
-        let ascii = image("", &format!("format=\"ascii\">{}", text.join(" ")), "");
+        let key =
+            "<InformationKey name=\"L2_NORM\" length=\"1\"><Value index=\"0\">7</Value></InformationKey>";
+        let ascii = image("", &format!("format=\"ascii\">{key}{}", text.join(" ")), "");
         assert_eq!(read(ascii.as_bytes()), Ok(small()));
         let plain = [&(bytes.len() as u32).to_le_bytes()[..], &bytes].concat();
         let binary = image("", &format!("format=\"binary\">\n{}\n", STANDARD.encode(&plain)), "");

@@ -45,7 +45,8 @@ impl StackAxis {
     }
 }
 
-/// The step of equally spaced values, to a millionth of it; `None` if there are several or less than two values.
+/// The step of equally spaced values, to a millionth of it; `None` if there are several or less than two
+/// values.
 pub fn equal_step(values: &[f64]) -> Option<f64> {
     let (first, last) = (values.first()?, values.last()?);
     let step = (last - first) / (values.len() - 1) as f64;

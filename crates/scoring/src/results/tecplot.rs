@@ -1,7 +1,8 @@
 //! Tecplot's text files: particles as in the LPT and DA challenges (`VARIABLES = "X [mm]" "Y [mm]" "Z [mm]"
-//! "PartID"`, a zone for each snapshot; Leclaire et al. 2021, Sciacchitano et al. 2021), and fields as DaVis
-//! exports them (`"x", "y", "Vx", "Vy" [, "isValid"]`, a zone for each pair). And DaVis's own text: `#DaVis
-//! 8.4.0 2D-vector 16 90 120 "position" "pixel" "position" "pixel" "displacement" "pixel"`, then x, y, Vx, Vy.
+//! "PartID"`, a zone for each snapshot; Leclaire et al. 2021, Sciacchitano et al. 2021), and fields as
+//! DaVis exports them (`"x", "y", "Vx", "Vy" [, "isValid"]`, a zone for each pair). And DaVis's own text:
+//! `#DaVis 8.4.0 2D-vector 16 90 120 "position" "pixel" "position" "pixel" "displacement" "pixel"`, then x,
+//! y, Vx, Vy.
 //!
 //! Particles are in mm from the middle of the image in focus, y downward and z away from the lens, unless the
 //! names of columns state px and um. Fields are in px from the first pixel's center; DaVis writes (0, 0) where
