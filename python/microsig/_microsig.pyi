@@ -114,6 +114,7 @@ class How(TypedDict):
 @type_check_only
 class Labels(TypedDict):
     boxes: bool
+    shapes: bool
     instances: bool
     depth: bool
     heatmap: bool

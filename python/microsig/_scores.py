@@ -273,12 +273,13 @@ def track(
     :param noise_px: standard deviation of the noise in x and y (``truth-noise``), px
     :param noise_um: the same in z, um
     :param ensemble: one field for all pairs of a steady flow (``piv``)
-    :param shape: ``spheroid``: also measure the axis (``mle``)
-    :param aspect_ratio: polar over equatorial diameter of spheroids, 0.1 to 10; fitted if None
+    :param shape: ``spheroid``: also measure the axis (``ncc``, ``mle``)
+    :param aspect_ratio: polar over equatorial diameter of spheroids, 0.1 to 10; if None, fitted
+        (``mle``) or the best of 1/4, 1/2, 2, 4 (``ncc``)
     :param seed: seed of that noise
     :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field; of
-        spheroids also standard deviations, axes, and a second axis that fits
+        spheroids also axes and, of ``mle``, standard deviations and a second axis that fits
     :raises ValueError: an unknown method, an option out of range, a dataset without what the method needs
     :raises TypeError: an option of another kind
     """

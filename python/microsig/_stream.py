@@ -20,7 +20,7 @@ from ._scenario import Scenario
 Arrays = dict[str, NDArray[Any]]
 
 #: Available labels.
-LABELS = ("particles", "boxes", "instances", "heatmap", "depth", "flow", "clean")
+LABELS = ("particles", "boxes", "shapes", "instances", "heatmap", "depth", "flow", "clean")
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,9 @@ class Stream:
     boxes      float32 (batch, n, 6)                x, y of the center, width, height of what exceeds ``share`` of the
                                                     particle's own peak and the noise (px), z_um, class (index of the diameter in
                                                     ``particles.diameter_um.list``, else 0)
+    shapes     float32 (batch, n, 4)                x, y, z of the axis of a spheroid (unit vector up to its sign: x right, y
+                                                    down, z away from the lens), polar over equatorial diameter; of
+                                                    spheres 0, 0, 0, 1
     instances  int32   (batch, rows, cols)          0, or 1 + row of the particle that is brightest at the pixel
     depth      float32 (batch, rows, cols)          z_um of that particle, NaN without a particle
     heatmap    float32 (batch, rows, cols)          Gaussians of height 1 at particle positions
@@ -158,7 +161,7 @@ class Stream:
         of that. For a :func:`choice` among up to 8 optics, tables are computed once.
         :param seed: seed of the stream, 0 to 2^64 - 1; that of the scenario is ignored
         :param set: values by path that are the same in all samples
-        :param labels: of ``boxes, instances, heatmap, depth, flow, clean`` (``particles`` are always there)
+        :param labels: of ``boxes, shapes, instances, heatmap, depth, flow, clean`` (``particles`` are always there)
         :param split: ``train`` and ``val`` have no sample in common
         :param frames: number of frames in a sample; by default 2 with ``flow``, otherwise 1
         :param ahead: number of batches computed ahead, at least 1
@@ -192,6 +195,7 @@ class Stream:
         self._batch, self._ahead_by = batch, ahead
         wanted: _microsig.Labels = {
             "boxes": "boxes" in labels,
+            "shapes": "shapes" in labels,
             "instances": "instances" in labels,
             "depth": "depth" in labels,
             "heatmap": "heatmap" in labels,

@@ -29,6 +29,8 @@ struct Labels {
     #[pyo3(item)]
     boxes: bool,
     #[pyo3(item)]
+    shapes: bool,
+    #[pyo3(item)]
     instances: bool,
     #[pyo3(item)]
     depth: bool,
@@ -93,6 +95,7 @@ impl Samples {
                 frames,
                 labels: LabelOptions {
                     boxes: labels.boxes,
+                    shapes: labels.shapes,
                     instances: labels.instances,
                     depth: labels.depth,
                     heatmap: labels.heatmap,
@@ -244,9 +247,13 @@ fn arrays<'py>(py: Python<'py>, stream: &SampleStream, batch: Batch) -> PyResult
     put(&dict, "image", batch.images, &[n, frames, height, width])?;
     put(&dict, "particles", batch.particles, &[n, rows, 8])?;
     put(&dict, "mask", batch.mask, &[n, rows])?;
-    if labels.boxes {
-        let boxes = if batch.boxes.is_empty() { vec![0.0; n * rows * 6] } else { batch.boxes };
-        put(&dict, "boxes", boxes, &[n, rows, 6])?;
+    for (wanted, name, values, columns) in
+        [(labels.boxes, "boxes", batch.boxes, 6), (labels.shapes, "shapes", batch.shapes, 4)]
+    {
+        if wanted {
+            let values = if values.is_empty() { vec![0.0; n * rows * columns] } else { values };
+            put(&dict, name, values, &[n, rows, columns])?;
+        }
     }
     if labels.instances {
         put(&dict, "instances", batch.instances, &[n, height, width])?;

@@ -23,7 +23,7 @@ VARY = {
     "optics.gain": ms.log_uniform(0.5, 5),
     "particles.number.count": ms.integers(1, 9),
 }
-LABELS = ("boxes", "instances", "heatmap", "depth", "flow", "clean")
+LABELS = ("boxes", "shapes", "instances", "heatmap", "depth", "flow", "clean")
 
 
 def stream(**changes) -> ms.Stream:
@@ -39,7 +39,7 @@ def same(a, b) -> None:
 
 def trimmed(sample, particles):
     """A sample without the rows that fill its batch up."""
-    return {k: v[:particles] if k in ("particles", "mask", "boxes") else v for k, v in sample.items()}
+    return {k: v[:particles] if k in ("particles", "mask", "boxes", "shapes") else v for k, v in sample.items()}
 
 
 def test_samples_are_the_beginnings_of_datasets():
@@ -216,6 +216,23 @@ def test_seeds_splits_and_values_differ():
     # What else varies does not change what is drawn for a path.
     fewer = stream(vary={"optics.background_noise": ms.uniform(0, 50)})
     assert fewer.values(3)["optics.background_noise"] == values[3]["optics.background_noise"]
+
+
+def test_shapes_are_those_of_the_truth():
+    rods = {"particles.spheroids": {"e_p": 3, "orientation": "random"}}
+    drawn = stream(set=rods, vary=None)
+    sample = drawn[2]
+    assert sample["shapes"].shape == (len(sample["mask"]), 4)
+    tracks = ms.generate(drawn.scenario(2)).tracks
+    first = np.asarray(tracks["frame"]) == 0
+    a, b = (np.asarray(tracks[name])[first] for name in ("alpha_rad", "beta_rad"))
+    axes = np.stack([np.sin(a) * np.sin(b), np.cos(b), -np.cos(a) * np.sin(b)], axis=1)
+    particles = sample["particles"][sample["mask"]]
+    np.testing.assert_allclose(np.asarray(tracks["x_px"])[first], particles[:, 0], atol=1e-3)
+    np.testing.assert_allclose(sample["shapes"][sample["mask"], :3], axes, atol=1e-6)
+    np.testing.assert_allclose(sample["shapes"][sample["mask"], 3], 3)
+    spheres = stream(vary=None)[2]
+    assert (spheres["shapes"][spheres["mask"]] == [0, 0, 0, 1]).all()
 
 
 def test_labels_are_what_they_say():

@@ -30,6 +30,8 @@ mod recorded_noise;
 mod recording;
 mod regions;
 mod search;
+mod shape_correlation;
+mod shape_templates;
 mod sides;
 mod spheroids;
 mod spots;
@@ -75,14 +77,14 @@ pub static METHODS: &[&Method] = &[
     &anchors::EMPTY,
 ];
 
-/// Shape of the particles that `mle` fits.
+/// Shape of the particles that `ncc` and `mle` measure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ParticleShape {
     /// Spheres.
     Sphere,
     /// Spheroids with the equatorial diameter of the calibration particle.
     Spheroid {
-        /// Polar over equatorial diameter, > 0; `None`: fitted.
+        /// Polar over equatorial diameter, > 0; `None`: `mle` fits it, `ncc` chooses the best of a few.
         aspect: Option<f64>,
     },
 }
@@ -106,7 +108,7 @@ pub struct TrackOptions {
     pub force: bool,
     /// Whether `piv` averages the correlation planes of all image pairs, for one field of a steady flow.
     pub ensemble: bool,
-    /// Shape of the particles that `mle` fits.
+    /// Shape of the particles that `ncc` and `mle` measure.
     pub shape: ParticleShape,
     /// Progress display.
     pub progress: Progress,
@@ -174,11 +176,20 @@ struct Localization {
     shape: Option<ShapeEstimate>,
 }
 
-/// The shape of a spheroid, with what is uncertain about it.
+/// The shape of a spheroid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct ShapeEstimate {
     /// Unit vector up to its sign (x right, y down, z away from the lens).
     axis: DVec3,
+    /// Aspect ratio, if it is not given.
+    aspect: Option<f64>,
+    /// `None` for methods that do not estimate it.
+    uncertainty: Option<ShapeUncertainty>,
+}
+
+/// What is uncertain about a spheroid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct ShapeUncertainty {
     /// Standard deviations of x, y (px) and z (um).
     deviations: [f64; 3],
     /// Largest and smallest standard deviation of the axis, rad, and the direction of the largest one.
@@ -186,8 +197,8 @@ struct ShapeEstimate {
     uncertain: DVec3,
     /// Depth (um) and axis of another fit, and its likelihood relative to the first.
     other: Option<(f64, DVec3, f64)>,
-    /// Aspect ratio and its standard deviation, if it is fitted.
-    aspect: Option<(f64, f64)>,
+    /// Standard deviation of the aspect ratio, if that is fitted.
+    aspect: f64,
 }
 
 /// The method of this name.
@@ -205,11 +216,13 @@ impl ParticleShape {
     /// The allowed aspect ratios.
     pub const ASPECTS: std::ops::RangeInclusive<f64> = 0.1..=10.0;
 
-    /// Refuses spheroids for methods other than `mle`, and aspect ratios out of range.
+    /// Refuses spheroids for methods other than `ncc` and `mle`, and aspect ratios out of range.
     fn check(self, method: &str) -> Result<()> {
         let ParticleShape::Spheroid { aspect } = self else { return Ok(()) };
-        if method != "mle" {
-            return Err(Error::input(format!("shape spheroid: expected with method mle, not {method}")));
+        if !["ncc", "mle"].contains(&method) {
+            return Err(Error::input(format!(
+                "shape spheroid: expected with method ncc or mle, not {method}"
+            )));
         }
         match aspect.filter(|aspect| !Self::ASPECTS.contains(aspect)) {
             Some(aspect) => {

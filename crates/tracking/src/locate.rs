@@ -113,7 +113,7 @@ impl<I: ParticleImages> Locator<I> {
         let noise = PixelNoise::new(deviation.powi(2), self.noise.gain);
         let mut coarse = image.binned(self.bin);
         coarse.counts.iter_mut().for_each(|c| *c -= level);
-        let weight = weights(&coarse, noise.binned(self.bin));
+        let weight = weights(&coarse, noise.binned(self.bin), ROUGH_ERROR);
         let residual = Residual { image: coarse, weight };
         let (mut found, rejections) = match &self.places {
             None => Search::run(&self.coarse[0], residual),
@@ -140,11 +140,11 @@ impl<I: ParticleImages> Locator<I> {
     }
 }
 
-/// Inverse variance of each pixel: background noise, light-dependent noise, and template error.
-fn weights(frame: &GrayImage, noise: PixelNoise) -> Vec<f32> {
+/// Inverse variance of each pixel: background noise, light-dependent noise, and relative error of templates.
+pub(super) fn weights(frame: &GrayImage, noise: PixelNoise, error: f32) -> Vec<f32> {
     let variance = |(here, around): (&f32, &f32)| {
         let light = here.max(*around).max(0.0);
-        noise.variance(light) + (ROUGH_ERROR * light).powi(2)
+        noise.variance(light) + (error * light).powi(2)
     };
     frame.counts.iter().zip(&frame.smoothed(1.0).counts).map(|both| 1.0 / variance(both)).collect()
 }

@@ -6,14 +6,15 @@
 //! (`joint_fit`). With stacks at several places of the field of view, the search uses the nearest one, and the
 //! final fit interpolates between them (`field_images`).
 
-use super::Method;
 use super::calibration::{self, CalibrationImage, PlaceStacks};
 use super::denoise::PixelNoise;
 use super::field_images::{FieldImages, FieldPlaces};
 use super::locate::Locator;
 use super::recorded_noise::RecordedNoise;
+use super::shape_correlation;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
+use super::{Method, ParticleShape};
 
 /// Relative error of the templates.
 const TEMPLATE_ERROR: f32 = 0.02;
@@ -22,6 +23,9 @@ pub(super) const METHOD: Method = Method {
     name: "ncc",
     about: "Depth by correlation with the calibration stack (GDPT), linked",
     run: |job| {
+        if let ParticleShape::Spheroid { aspect } = job.options.shape {
+            return shape_correlation::particles(job, aspect);
+        }
         let places = calibration::read_field(job.dataset)?;
         let recorded = RecordedNoise::read(job.dataset)?;
         let is_field = places.iter().any(|place| place.at.is_some());

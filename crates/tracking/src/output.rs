@@ -2,7 +2,7 @@
 
 use dataset::{Columns, Values};
 
-use super::ShapeEstimate;
+use super::{ShapeEstimate, ShapeUncertainty};
 
 /// A particle of a result.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,34 +95,46 @@ fn decimal(value: f32) -> f64 {
 
 /// The columns of shapes, if there are any; NaN where a particle has none.
 fn shapes(points: &[Row]) -> Vec<(String, Values)> {
-    if points.iter().all(|point| point.shape.is_none()) {
-        return Vec::new();
-    }
+    let any =
+        |has: fn(&ShapeEstimate) -> bool| points.iter().any(|point| point.shape.as_ref().is_some_and(has));
     let of = |name: &str, value: &dyn Fn(&ShapeEstimate) -> Option<f64>| {
         let values = points.iter().map(|point| point.shape.as_ref().and_then(value).unwrap_or(f64::NAN));
         (name.to_owned(), Values::Numbers(values.collect()))
     };
-    let mut columns = vec![
-        of("sx_px", &|s| Some(s.deviations[0])),
-        of("sy_px", &|s| Some(s.deviations[1])),
-        of("sz_um", &|s| Some(s.deviations[2])),
-        of("axis_x", &|s| Some(s.axis.x)),
-        of("axis_y", &|s| Some(s.axis.y)),
-        of("axis_z", &|s| Some(s.axis.z)),
-        of("axis_sd_deg", &|s| Some(s.axis_deviations[0].to_degrees())),
-        of("axis_least_sd_deg", &|s| Some(s.axis_deviations[1].to_degrees())),
-        of("axis_sd_x", &|s| Some(s.uncertain.x)),
-        of("axis_sd_y", &|s| Some(s.uncertain.y)),
-        of("axis_sd_z", &|s| Some(s.uncertain.z)),
-        of("other_z_um", &|s| s.other.map(|other| other.0)),
-        of("other_axis_x", &|s| s.other.map(|other| other.1.x)),
-        of("other_axis_y", &|s| s.other.map(|other| other.1.y)),
-        of("other_axis_z", &|s| s.other.map(|other| other.1.z)),
-        of("other_likelihood", &|s| s.other.map(|other| other.2)),
-    ];
-    if points.iter().any(|point| point.shape.is_some_and(|shape| shape.aspect.is_some())) {
-        columns.push(of("aspect_ratio", &|s| s.aspect.map(|aspect| aspect.0)));
-        columns.push(of("aspect_ratio_sd", &|s| s.aspect.map(|aspect| aspect.1)));
+    let uncertain = |name: &str, value: &dyn Fn(&ShapeUncertainty) -> Option<f64>| {
+        of(name, &|shape| shape.uncertainty.as_ref().and_then(value))
+    };
+    let mut columns = Vec::new();
+    if any(|_| true) {
+        columns.extend([
+            of("axis_x", &|s| Some(s.axis.x)),
+            of("axis_y", &|s| Some(s.axis.y)),
+            of("axis_z", &|s| Some(s.axis.z)),
+        ]);
+    }
+    if any(|shape| shape.aspect.is_some()) {
+        columns.push(of("aspect_ratio", &|s| s.aspect));
+    }
+    if !any(|shape| shape.uncertainty.is_some()) {
+        return columns;
+    }
+    columns.extend([
+        uncertain("sx_px", &|s| Some(s.deviations[0])),
+        uncertain("sy_px", &|s| Some(s.deviations[1])),
+        uncertain("sz_um", &|s| Some(s.deviations[2])),
+        uncertain("axis_sd_deg", &|s| Some(s.axis_deviations[0].to_degrees())),
+        uncertain("axis_least_sd_deg", &|s| Some(s.axis_deviations[1].to_degrees())),
+        uncertain("axis_sd_x", &|s| Some(s.uncertain.x)),
+        uncertain("axis_sd_y", &|s| Some(s.uncertain.y)),
+        uncertain("axis_sd_z", &|s| Some(s.uncertain.z)),
+        uncertain("other_z_um", &|s| s.other.map(|other| other.0)),
+        uncertain("other_axis_x", &|s| s.other.map(|other| other.1.x)),
+        uncertain("other_axis_y", &|s| s.other.map(|other| other.1.y)),
+        uncertain("other_axis_z", &|s| s.other.map(|other| other.1.z)),
+        uncertain("other_likelihood", &|s| s.other.map(|other| other.2)),
+    ]);
+    if any(|shape| shape.aspect.is_some()) {
+        columns.push(uncertain("aspect_ratio_sd", &|s| Some(s.aspect)));
     }
     columns
 }

@@ -7,11 +7,8 @@
 //! (Broyden 1965, Math. Comput. 19, 577), and computed once more at the end, for the covariance. Overlapping particles
 //! are fitted in turn, each with the others subtracted, until they no longer move.
 
-use std::f64::consts::TAU;
-
 use glam::DVec3;
 use microsig_core::cancel::checkpoint;
-use rayon::prelude::*;
 
 use super::denoise::PixelNoise;
 use super::gray_image::GrayImage;
@@ -20,11 +17,12 @@ use super::joint_fit::Equations;
 use super::locate::Locator;
 use super::mle::{self, OfSpheroids, ShapeImages};
 use super::output::Output;
+use super::shape_templates::{angle, averaged, axes};
 use super::templates::Templates;
-use super::{Localization, ParticleShape, ShapeEstimate};
+use super::{Localization, ParticleShape, ShapeEstimate, ShapeUncertainty};
 use storage::error::Result;
 
-/// Axes from which starts are chosen, and how many of them; those of templates; and the depths of these.
+/// Axes from which starts are chosen, and how many of them; those of templates, and the depths of these.
 const AXES: usize = 24;
 const STARTS: usize = 2;
 const AXES_OF_TEMPLATES: usize = 12;
@@ -48,7 +46,7 @@ const ALIKE: f64 = 0.75;
 const FALL: f64 = 0.01;
 
 /// Relative error of averaged templates, and of images.
-const TEMPLATE_ERROR: f32 = 0.3;
+pub(super) const TEMPLATE_ERROR: f32 = 0.3;
 const MODEL_ERROR: f64 = 0.01;
 
 /// Iterations of a fit, rounds over overlapping particles, and the reduction of chi^2 at which a fit ends.
@@ -63,8 +61,8 @@ const LARGEST: [f64; 7] = [0.5, 1.0, 1.0, 3.0, 0.35, 0.35, 0.25];
 const LEAST_LIKELIHOOD: f64 = 1e-3;
 
 /// Least significance, and brightness relative to the calibration particle, of a particle.
-const LEAST_SIGNIFICANCE: f64 = 8.0;
-const BRIGHTNESS: std::ops::RangeInclusive<f64> = 0.25..=4.0;
+pub(super) const LEAST_SIGNIFICANCE: f64 = 8.0;
+pub(super) const BRIGHTNESS: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
 /// A spheroid.
 #[derive(Debug, Clone, Copy)]
@@ -95,49 +93,11 @@ struct Found {
 /// Tracks spheroids; `aspect`: polar over equatorial diameter, fitted if it is not given.
 pub(super) fn particles(job: &Job, aspect: Option<f64>) -> Result<Output> {
     let OfSpheroids { images, noise } = mle::shape_images(job, aspect.unwrap_or(LONGEST).max(1.0))?;
-    let templates = averaged(&images, aspect, noise);
+    let aspects = aspect.map_or(ASPECTS.to_vec(), |aspect| vec![aspect]);
+    let templates = averaged(&images, &aspects, [DEPTHS_OF_TEMPLATES, AXES_OF_TEMPLATES], noise);
     let opposite = Opposite::new(&templates);
     let locator = Locator::new(vec![(templates.clone(), templates)], TEMPLATE_ERROR, noise);
     job.particles(|frame| frame_of(frame, (&images, &opposite), aspect, noise.gain, &locator.find(frame).0))
-}
-
-/// Directions that cover half the sphere evenly.
-fn axes(n: usize) -> impl Iterator<Item = DVec3> {
-    let golden = TAU * (1.0 - 2.0 / (1.0 + 5f64.sqrt()));
-    (0..n).map(move |k| {
-        let z = (k as f64 + 0.5) / n as f64;
-        let (sine, cosine) = (golden * k as f64).sin_cos();
-        DVec3::new((1.0 - z * z).sqrt() * cosine, (1.0 - z * z).sqrt() * sine, z)
-    })
-}
-
-/// Angle between axes, which have no sign, rad.
-fn angle(a: DVec3, b: DVec3) -> f64 {
-    a.dot(b).abs().min(1.0).acos()
-}
-
-/// Templates averaged over the directions of the axis.
-fn averaged(images: &ShapeImages, aspect: Option<f64>, noise: PixelNoise) -> Templates {
-    let [low, high] = images.depths_um();
-    let n = DEPTHS_OF_TEMPLATES;
-    let depths: Vec<f64> = (0..n).map(|k| low + (high - low) * k as f64 / (n - 1) as f64).collect();
-    let aspects = aspect.map_or(ASPECTS.to_vec(), |aspect| vec![aspect]);
-    let radius = images.radius();
-    let side = 2 * radius + 1;
-    let image = |&z_um: &f64| {
-        let mut sum = vec![0.0f32; side * side];
-        let weight = 1.0 / (AXES_OF_TEMPLATES * aspects.len()) as f64;
-        for (axis, &e_p) in
-            axes(AXES_OF_TEMPLATES).flat_map(|axis| aspects.iter().map(move |e_p| (axis, e_p)))
-        {
-            let pose = Pose { at: [0.0; 2], z_um, axis, e_p, brightness: 1.0 };
-            let light = images.light(&pose, [0; 2], radius);
-            sum.iter_mut().zip(light).for_each(|(sum, light)| *sum += (weight * light) as f32);
-        }
-        GrayImage { width: side, height: side, counts: sum }
-    };
-    let stack: Vec<GrayImage> = depths.par_iter().map(image).collect();
-    Templates::new(depths, stack, noise)
 }
 
 /// For each depth, that on the other side of the focus with the most similar averaged image.
@@ -232,11 +192,14 @@ impl Found {
         let [x, y, z, aspect] = self.deviations;
         let shape = ShapeEstimate {
             axis: self.pose.axis,
-            deviations: [x, y, z],
-            axis_deviations: [(mean + half).sqrt(), (mean - half).max(0.0).sqrt()],
-            uncertain: turn.cos() * u + turn.sin() * v,
-            other: self.other,
-            aspect: with_aspect.then_some((self.pose.e_p, self.pose.e_p * aspect)),
+            aspect: with_aspect.then_some(self.pose.e_p),
+            uncertainty: Some(ShapeUncertainty {
+                deviations: [x, y, z],
+                axis_deviations: [(mean + half).sqrt(), (mean - half).max(0.0).sqrt()],
+                uncertain: turn.cos() * u + turn.sin() * v,
+                other: self.other,
+                aspect: self.pose.e_p * aspect,
+            }),
         };
         let [x_px, y_px] = self.pose.at.map(|at| at + 1.0);
         Localization { x_px, y_px, z_um: Some(self.pose.z_um), shape: Some(shape) }

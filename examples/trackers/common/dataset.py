@@ -127,15 +127,15 @@ def smooth_noise(image, sigma):
 
 
 def write_points(path, rows):
-    """Rows of (frame, track or None, x, y[, z_um]), x and y counted from 0."""
+    """Rows of (frame, track or None, x, y[, z_um[, axis_x, axis_y, axis_z]]), x and y counted from 0."""
     rows = [row for row in rows if all(math.isfinite(value) for value in row[2:])]
-    with_depth = any(len(row) > 4 for row in rows)
+    more = ["z_um", "axis_x", "axis_y", "axis_z"][: max((len(row) - 4 for row in rows), default=0)]
     with open(path, "w", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
-        out.writerow(["frame", "track", "x_px", "y_px"] + ["z_um"] * with_depth)
-        for frame, track, x, y, *z in rows:
+        out.writerow(["frame", "track", "x_px", "y_px", *more])
+        for frame, track, x, y, *values in rows:
             track = -1 if track is None else int(track)
-            out.writerow([int(frame), track, f"{x + 1:.4f}", f"{y + 1:.4f}"] + [f"{value:.3f}" for value in z])
+            out.writerow([int(frame), track, f"{x + 1:.4f}", f"{y + 1:.4f}"] + [f"{value:.4f}" for value in values])
 
 
 def write_field(path, rows):

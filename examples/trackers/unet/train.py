@@ -1,12 +1,13 @@
-"""Trains the network of track.py on a stream of microsig and writes model.onnx; takes tens of minutes on a CPU.
+"""Trains the networks of track.py on streams of microsig and writes model.onnx or axes.onnx; takes tens of minutes on a CPU.
 
-    python train.py [STEPS]
+    python train.py [STEPS] [--axes]
 
-Needs PyTorch and the package microsig. Samples have the optics of track D3 (setting 1), 1 to 48 particles of 2 um on 128 x 128 px
-(up to N_S 1 and somewhat beyond) and a noise of 10 to 200 counts; seeds are those of the stream, datasets of the suite are not seen.
+Needs PyTorch and the package microsig. Samples have the optics of the tracks D3 and S (setting 1), 128 x 128 px and a noise of 10 to
+200 counts: 1 to 48 spheres of 2 um (up to N_S 1 and somewhat beyond), or with --axes, 1 to 16 spheroids of 4 um with aspect ratios
+0.25 to 5. Seeds are those of the stream, datasets of the suite are not seen.
 """
 
-import sys
+import argparse
 import time
 
 import microsig as ms
@@ -14,7 +15,7 @@ import torch
 from microsig.torch import dataset
 from torch import nn
 
-from network import HIGH, LOW, OFFSET_PX, scaled
+from network import AXIS, HIGH, LOW, OFFSET_PX, scaled
 
 SCENARIO = {
     "name": "d3",
@@ -25,6 +26,12 @@ SCENARIO = {
     "timing": {"pairs": {"count": 1, "dt_s": 0.005}},
 }
 VARIED = {"particles.number.count": ms.integers(1, 48), "optics.background_noise": ms.log_uniform(10, 200)}
+RODS_AND_DISCS = SCENARIO | {
+    "name": "s",
+    "particles": {"number": {"count": 5}, "diameter_um": {"constant": 4}, "spheroids": {"e_p": 3, "orientation": "random"}},
+    "render": {"spheroids": "uniform"},
+}
+VARIED_SHAPES = VARIED | {"particles.number.count": ms.integers(1, 16), "particles.spheroids.e_p": ms.log_uniform(0.22, 5.5)}
 
 
 def block(inside, out):
@@ -34,13 +41,14 @@ def block(inside, out):
 
 
 class Net(nn.Module):
-    """A U-Net on blocks of 2 x 2 pixels. Maps at full resolution: logit of a particle, of its depth, and of its offset in x and y."""
+    """A U-Net on blocks of 2 x 2 pixels. Maps at full resolution: logit of a particle, of its depth, and of its offset in x and y; and
+    with axes, the elements of n n^T."""
 
-    def __init__(self, widths=(24, 32, 48, 64)):
+    def __init__(self, maps, widths=(24, 32, 48, 64)):
         super().__init__()
         self.down = nn.ModuleList([block(i, o) for i, o in zip((4, *widths), widths)])
         self.up = nn.ModuleList([block(a + b, b) for a, b in zip(widths[:0:-1], widths[-2::-1])])
-        self.head = nn.Conv2d(widths[0], 16, 1)
+        self.head = nn.Conv2d(widths[0], 4 * maps, 1)
         nn.init.constant_(self.head.bias[:4], -2.0)
 
     def forward(self, x):
@@ -65,22 +73,32 @@ def loss_of(net, batch):
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             column, row = (x.round().long() + dx).clamp(0, last), (y.round().long() + dy).clamp(0, last)
-            found = out[sample, 1:, row, column].sigmoid()
+            found = out[sample, 1:4, row, column].sigmoid()
             wanted = torch.stack([z, (x - column) / (2 * OFFSET_PX) + 0.5, (y - row) / (2 * OFFSET_PX) + 0.5], dim=-1)
-            loss = loss + ((found - wanted).abs().sum(-1) * mask).sum() / mask.sum().clamp(min=1) / 9
+            wrong = (found - wanted).abs().sum(-1)
+            if "shapes" in batch:
+                axis = batch["shapes"][..., :3]
+                tensor = torch.stack([axis[..., i] * axis[..., j] for i, j in AXIS], dim=-1)
+                wrong = wrong + 0.3 * (out[sample, 4:, row, column] - tensor).abs().sum(-1)
+            loss = loss + (wrong * mask).sum() / mask.sum().clamp(min=1) / 9
     return loss
 
 
 def main():
-    steps = int(sys.argv[1]) if len(sys.argv) > 1 else 3000
+    parser = argparse.ArgumentParser()
+    parser.add_argument("steps", nargs="?", type=int, default=3000)
+    parser.add_argument("--axes", action="store_true")
+    args = parser.parse_args()
+    scenario, vary, maps, name = (RODS_AND_DISCS, VARIED_SHAPES, 10, "axes") if args.axes else (SCENARIO, VARIED, 4, "model")
+    labels = ["heatmap", "shapes"] if args.axes else ["heatmap"]
     torch.manual_seed(0)
     torch.set_num_threads(1)
-    stream = ms.Stream(SCENARIO, batch=8, crop=(128, 128), seed=1, labels=["heatmap"], particles=96, vary=VARIED)
-    net = Net().train()
+    stream = ms.Stream(scenario, batch=8, crop=(128, 128), seed=1, labels=labels, particles=96, vary=vary)
+    net = Net(maps).train()
     optimizer = torch.optim.AdamW(net.parameters(), lr=3e-3, weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 5e-3, total_steps=steps)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 5e-3, total_steps=args.steps)
     began, mean = time.perf_counter(), 0.0
-    for step, batch in zip(range(steps), torch.utils.data.DataLoader(dataset(stream), batch_size=None)):
+    for step, batch in zip(range(args.steps), torch.utils.data.DataLoader(dataset(stream), batch_size=None)):
         loss = loss_of(net, batch)
         optimizer.zero_grad()
         loss.backward()
@@ -89,9 +107,9 @@ def main():
         mean += (loss.item() - mean) / min(step + 1, 100)
         if (step + 1) % 100 == 0:
             print(f"step {step + 1}: loss {mean:.4f}, {(time.perf_counter() - began) / 60:.1f} minutes", flush=True)
-            torch.save(net.state_dict(), "model.pt.part")
+            torch.save(net.state_dict(), f"{name}.pt.part")
     axes = {2: "rows", 3: "columns"}
-    torch.onnx.export(net.eval(), torch.zeros(1, 1, 64, 64), "model.onnx", input_names=["image"], output_names=["maps"],
+    torch.onnx.export(net.eval(), torch.zeros(1, 1, 64, 64), f"{name}.onnx", input_names=["image"], output_names=["maps"],
                       dynamic_axes={"image": axes, "maps": axes}, opset_version=13)
 
 

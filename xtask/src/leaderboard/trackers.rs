@@ -36,8 +36,22 @@ const OWN: &[Own] = &[
     Own {
         name: "ncc",
         arguments: &["--method", "ncc"],
-        enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence", "S"],
-        made_for: "defocused images that resemble those of the calibration stack (GDPT), which excludes spheroids; default parameters",
+        enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence"],
+        made_for: "defocused images that resemble those of the calibration stack (GDPT); default parameters",
+        has_depth: true,
+    },
+    Own {
+        name: "ncc-spheroid",
+        arguments: &["--method", "ncc", "--shape", "spheroid"],
+        enters: &["S"],
+        made_for: "rods and discs whose images resemble those of the optical model at some tilt; the aspect ratio is the best of four; default parameters",
+        has_depth: true,
+    },
+    Own {
+        name: "mle-spheroid",
+        arguments: &["--method", "mle", "--shape", "spheroid"],
+        enters: &["S"],
+        made_for: "rods and discs whose images follow the optical model with which they were generated; the aspect ratio is fitted; default parameters",
         has_depth: true,
     },
     Own {

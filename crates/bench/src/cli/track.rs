@@ -32,10 +32,10 @@ pub(super) struct Track {
     /// One field for all pairs of a steady flow, from the average of their correlations (piv)
     #[arg(long)]
     ensemble: bool,
-    /// Shape of the particles: of spheroids, mle also measures the axis
+    /// Shape of the particles: of spheroids, ncc and mle also measure the axis
     #[arg(long, value_enum, default_value_t = ShapeChoice::Sphere)]
     shape: ShapeChoice,
-    /// Polar over equatorial diameter of spheroids (mle) [default: fitted]
+    /// Polar over equatorial diameter of spheroids [default: fitted (mle), 1/4 to 4 (ncc)]
     #[arg(long, value_name = "RATIO")]
     aspect_ratio: Option<f64>,
     /// Standard deviation of the noise in x and y (truth-noise)

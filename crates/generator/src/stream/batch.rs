@@ -24,6 +24,8 @@ pub struct Batch {
     pub mask: Vec<bool>,
     /// [`Sample::boxes`], shape (samples, rows, 6).
     pub boxes: Vec<f32>,
+    /// [`Sample::shapes`], shape (samples, rows, 4).
+    pub shapes: Vec<f32>,
     /// [`Sample::instances`].
     pub instances: Vec<i32>,
     /// [`Sample::depth`].
@@ -58,25 +60,32 @@ impl Batch {
             batch.particles.resize((number + 1) * batch.rows * 8, 0.0);
             batch.mask.resize(number * batch.rows + sample.particles.len(), true);
             batch.mask.resize((number + 1) * batch.rows, false);
-            if !sample.boxes.is_empty() || !batch.boxes.is_empty() {
-                batch.boxes.resize(number * batch.rows * 6, 0.0);
-                batch.boxes.extend_from_slice(sample.boxes.as_flattened());
-            }
+            let before = number * batch.rows;
+            add_rows(&mut batch.boxes, before, &sample.boxes);
+            add_rows(&mut batch.shapes, before, &sample.shapes);
         }
-        if !batch.boxes.is_empty() {
-            batch.boxes.resize(room * batch.rows * 6, 0.0);
-        }
+        let all = room * batch.rows;
+        add_rows::<6>(&mut batch.boxes, all, &[]);
+        add_rows::<4>(&mut batch.shapes, all, &[]);
         batch
     }
 }
 
+/// Fills an array up to `before` rows and adds the rows of a sample; nothing if no sample has any.
+fn add_rows<const N: usize>(all: &mut Vec<f32>, before: usize, rows: &[[f32; N]]) {
+    if !rows.is_empty() || !all.is_empty() {
+        all.resize(before * N, 0.0);
+        all.extend_from_slice(rows.as_flattened());
+    }
+}
+
 impl Sample {
-    /// Memory in a batch with at least `rows` rows for particles (of which boxes are a part), bytes.
+    /// Memory in a batch with at least `rows` rows for particles (of which boxes and shapes are a part), bytes.
     pub(super) fn bytes(&self, rows: usize) -> u64 {
         let rows = rows.max(self.particles.len()) as u64;
         let values =
             self.clean.len() + self.instances.len() + self.depth.len() + self.heatmap.len() + self.flow.len();
-        let of_row = 4 * PARTICLE_COLUMNS.len() + 4 * 6 + 1;
+        let of_row = 4 * PARTICLE_COLUMNS.len() + 4 * 6 + 4 * 4 + 1;
         rows.saturating_mul(of_row as u64).saturating_add((2 * self.images.len() + 4 * values) as u64)
     }
 }

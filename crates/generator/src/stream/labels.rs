@@ -4,6 +4,7 @@ use flows::Frame;
 use flows::eulerian::{central, forward};
 use flows::scale::ImagePoint;
 use glam::DVec3;
+use microsig_core::Spheroid;
 use microsig_core::sensor::Sensor;
 use rayon::prelude::*;
 
@@ -29,6 +30,8 @@ pub enum Flow {
 pub struct LabelOptions {
     /// Boxes around particle images.
     pub boxes: bool,
+    /// Axes and aspect ratios of particles.
+    pub shapes: bool,
     /// Index of the particle that each pixel belongs to.
     pub instances: bool,
     /// Depth of the particle that each pixel belongs to.
@@ -51,6 +54,7 @@ impl Default for LabelOptions {
     fn default() -> Self {
         LabelOptions {
             boxes: false,
+            shapes: false,
             instances: false,
             depth: false,
             heatmap: false,
@@ -117,6 +121,9 @@ pub struct Sample {
     /// that belong to its image, z (um), and class: the index of the diameter in
     /// `particles.diameter_um.list`, otherwise 0. The box of a particle without light has size 0.
     pub boxes: Vec<[f32; 6]>,
+    /// For the same particles: unit vector along the axis, up to its sign (x right, y down, z away from the lens), and
+    /// polar over equatorial diameter; 0, 0, 0 and 1 for spheres.
+    pub shapes: Vec<[f32; 4]>,
     /// Number, from 1, of the particle that is brightest at each pixel, or 0, shape (rows, columns).
     pub instances: Vec<i32>,
     /// Depth of that particle, um; NaN without a particle, shape (rows, columns).
@@ -143,6 +150,10 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample:
     let settings = &shot.scenario.settings;
     let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
     sample.particles = particles(shot);
+    if wanted.shapes {
+        let visible = shot.view.sights.iter().filter(|sight| sight.visible);
+        sample.shapes = visible.map(|sight| shape(sight.particle.elongated())).collect();
+    }
     if let Some(single) = shot.single {
         let mut instances = Instances::new(wanted, width * height);
         single.prepare(&[&shot.view.rendered]);
@@ -195,6 +206,13 @@ fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
     let mut rows = Vec::with_capacity(shot.view.sights.len());
     rows.extend(shot.view.sights.iter().filter(|sight| sight.visible).map(row));
     rows
+}
+
+/// Axis and aspect ratio.
+fn shape(spheroid: Option<Spheroid>) -> [f32; 4] {
+    let Some(spheroid) = spheroid else { return [0.0, 0.0, 0.0, 1.0] };
+    let [x, y, z] = spheroid.axis();
+    [x, y, z, spheroid.e_p].map(|v| v as f32)
 }
 
 /// The brightest particle at each pixel.

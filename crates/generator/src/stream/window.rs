@@ -46,17 +46,18 @@ impl Window {
         let (left, top) = (self.left as f32, self.top as f32);
         let inside = |at: f32, size: usize| (0.5..size as f32 + 0.5).contains(&at);
         let mut numbers = vec![0];
-        let (mut particles, mut boxes) = (Vec::new(), Vec::new());
+        let (mut particles, mut boxes, mut shapes) = (Vec::new(), Vec::new(), Vec::new());
         for (k, mut particle) in std::mem::take(&mut sample.particles).into_iter().enumerate() {
             (particle[0], particle[1]) = (particle[0] - left, particle[1] - top);
             let is_inside = inside(particle[0], self.width) && inside(particle[1], self.height);
             numbers.push(if is_inside { particles.len() as i32 + 1 } else { 0 });
             if is_inside {
                 boxes.extend(sample.boxes.get(k).map(|bounds| self.bounds(*bounds, &particle)));
+                shapes.extend(sample.shapes.get(k));
                 particles.push(particle);
             }
         }
-        (sample.particles, sample.boxes) = (particles, boxes);
+        (sample.particles, sample.boxes, sample.shapes) = (particles, boxes, shapes);
         for (pixel, owner) in sample.instances.iter_mut().enumerate() {
             *owner = numbers.get(*owner as usize).copied().unwrap_or(0);
             if *owner == 0
@@ -123,6 +124,7 @@ mod tests {
                 [3.0, 1.0, 5.0, 1.0, 1.0, 0.0, 0.0, 0.0],
                 [3.0, 3.0, 5.0, 1.0, 1.0, 0.0, 0.0, 0.0],
             ],
+            shapes: vec![[1.0, 0.0, 0.0, 2.0], [0.0, 1.0, 0.0, 3.0]],
             boxes: vec![[3.0, 1.0, 1.0, 1.0, 5.0, 0.0], [2.5, 2.5, 4.0, 2.0, 5.0, 0.0]],
             ..Sample::default()
         };
@@ -132,6 +134,7 @@ mod tests {
         assert_eq!(sample.instances, [0, 0]);
         assert!(sample.depth.iter().all(|z| z.is_nan()));
         assert_eq!(sample.particles.iter().map(|p| (p[0], p[1])).collect::<Vec<_>>(), [(2.0, 1.0)]);
+        assert_eq!(sample.shapes, [[0.0, 1.0, 0.0, 3.0]]);
         assert_eq!(sample.boxes, [[1.5, 1.0, 2.0, 1.0, 5.0, 0.0]]);
     }
 }

@@ -226,7 +226,7 @@ mod tests {
         let optics = WaveOptics { lens: Lens::Aplanatic, emission, ..WaveOptics::new(0.52) };
         // Light is in whole points, which differences would show.
         let settings = Settings { points_per_pixel: 1e4, ..settings() };
-        WavesRenderer::new(&settings, &optics, 5e-3).unwrap()
+        WavesRenderer::new(&settings, &optics, 1e-3).unwrap()
     }
 
     #[test]
