@@ -1,5 +1,5 @@
 //! Tecplot's text files: particles as in the LPT and DA challenges (`VARIABLES = "X [mm]" "Y [mm]" "Z [mm]"
-//! "PartID"`, a zone for each snapshot; Leclaire et al. 2021, Sciacchitano et al. 2021), and fields as
+//! "PartID"`, a zone for each snapshot), and fields as
 //! DaVis exports them (`"x", "y", "Vx", "Vy" [, "isValid"]`, a zone for each pair). And DaVis's own text:
 //! `#DaVis 8.4.0 2D-vector 16 90 120 "position" "pixel" "position" "pixel" "displacement" "pixel"`, then x,
 //! y, Vx, Vy.
