@@ -1,5 +1,5 @@
-//! Gridded velocities: the first byte selects .npy, .csv or .vtk. An accepted grid gives a field that can be
-//! evaluated.
+//! Gridded velocities: the first byte selects .npy, .csv, .vtk or .vti. An accepted grid gives a field that
+//! can be evaluated.
 #![no_main]
 
 use flows::VelocityField;
@@ -8,10 +8,11 @@ use flows::velocity_grid::{GridGeometry, VelocityGrid};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let [choice, file @ ..] = bytes else { return };
-    let grid = match choice % 3 {
+    let grid = match choice % 4 {
         0 => VelocityGrid::from_npy(file, &GridGeometry::default()),
         1 => VelocityGrid::from_csv(file),
-        _ => VelocityGrid::from_vtk(file),
+        2 => VelocityGrid::from_vtk(file),
+        _ => VelocityGrid::from_vtk_xml(file),
     };
     let Ok(grid) = grid else { return };
     let interpolation = if choice & 64 == 0 { Interpolation::Tricubic } else { Interpolation::Trilinear };

@@ -8,7 +8,7 @@ use scoring::results::{Conventions, Format, TrackerResult, read};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 
-const FORMATS: [Option<Format>; 14] = [
+const FORMATS: [Option<Format>; 16] = [
     None,
     Some(Format::Canonical),
     Some(Format::Trackpy),
@@ -23,6 +23,8 @@ const FORMATS: [Option<Format>; 14] = [
     Some(Format::Openpiv),
     Some(Format::Pivlab),
     Some(Format::Flo),
+    Some(Format::LptDa),
+    Some(Format::Davis),
 ];
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
@@ -35,6 +37,7 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         format,
         um_per_px: Some(0.645),
         depth_um: Some((-80.0, 20.0)),
+        width_px: Some(752.0),
         height_px: Some(366.0),
         ..Conventions::default()
     };

@@ -9,8 +9,10 @@ Positions are pixel coordinates with the first pixel's center at 1 (``table.orig
 columns, y along rows, depth z in um growing away from the lens; names of arguments and columns end in their units.
 """
 
+from . import suite
 from ._dataset import Calibration, Dataset, generate, open, resolve, set_threads
 from ._fields import Field, FieldInfo, field, fields
+from ._geff import read_geff
 from ._microsig import __version__
 from ._recording import import_recording
 from ._render import Settings, render
@@ -18,15 +20,18 @@ from ._scenario import Scenario
 from ._scores import Comparison, Scores, compare, evaluate, methods, sweep, track
 from ._stream import PARTICLE_COLUMNS, Law, Stream, choice, integers, log_uniform, uniform
 from ._table import Table
+from ._verbs import Fit, Optics, export, fit, optics, release, verify
 
 __all__ = [
-    "PARTICLE_COLUMNS",
     "Calibration",
     "Comparison",
     "Dataset",
     "Field",
     "FieldInfo",
+    "Fit",
     "Law",
+    "Optics",
+    "PARTICLE_COLUMNS",
     "Scenario",
     "Scores",
     "Settings",
@@ -36,18 +41,25 @@ __all__ = [
     "choice",
     "compare",
     "evaluate",
+    "export",
     "field",
     "fields",
+    "fit",
     "generate",
     "import_recording",
     "integers",
     "log_uniform",
     "methods",
     "open",
+    "optics",
+    "read_geff",
+    "release",
     "render",
     "resolve",
     "set_threads",
+    "suite",
     "sweep",
     "track",
     "uniform",
+    "verify",
 ]

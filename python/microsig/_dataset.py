@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _microsig, _scenario
-from ._arguments import flag, whole
+from ._arguments import flag, one_of, real, whole
+from ._progress import Progress, shown
 from ._scenario import Scenario
 from ._table import Table
 
@@ -57,6 +58,21 @@ class Calibration(NamedTuple):
         rows = self.d_um == self.d_um[np.argmin(np.abs(self.d_um - d_um))]
         return Calibration(_fixed(self.images[rows]), self.z_um[rows], self.table[rows], self.d_um[rows])
 
+    def save(self, path: str | os.PathLike[str], um_per_px: float, *, format: str = "imagej-stack") -> None:
+        """Write the scan as one TIFF file with pixel size and z step, which :func:`fit`, ImageJ and napari read.
+
+        :param path: the file, which is replaced
+        :param um_per_px: object-space length of a pixel, um (:attr:`Dataset.um_per_px`)
+        :param format: ``imagej-stack`` or ``ome-tiff``
+        :raises ValueError: several sizes of particles or places, which are several scans
+        :raises OSError: the file cannot be written
+        """
+        if np.any(np.diff(self.z_um) <= 0):
+            raise ValueError("several scans: expected one, as calibration.of_size(d_um)")
+        ome = one_of("format", format, ("imagej-stack", "ome-tiff")) == "ome-tiff"
+        um_per_px = real("um_per_px", um_per_px, 1e-6, 1e6)
+        _microsig.write_stack(path, np.ascontiguousarray(self.images), um_per_px, self.z_um.tolist(), ome, "calibration")
+
 
 def _table(raw: _RawTable) -> Table:
     path, about, columns_about, values = raw
@@ -81,8 +97,9 @@ class _Source(Protocol):
     def scenario(self) -> tuple[str, str]: ...
     def settings(self) -> dict[str, float]: ...
     def facts(self) -> tuple[float, tuple[float, float], float, int]: ...
+    def title(self) -> str: ...
     def warnings(self) -> list[str]: ...
-    def save(self, out: Path, force: bool, show: bool) -> None: ...
+    def save(self, out: Path, force: bool, show: _microsig._Show) -> None: ...
     def folder(self) -> Path: ...
     def place(self) -> _microsig.Made | Path: ...
 
@@ -136,10 +153,13 @@ class _Memory:
     def facts(self) -> tuple[float, tuple[float, float], float, int]:
         return self.made.facts()
 
+    def title(self) -> str:
+        return str(json.loads(self.scenario()[0])["name"])
+
     def warnings(self) -> list[str]:
         return self.made.warnings()
 
-    def save(self, out: Path, force: bool, show: bool) -> None:
+    def save(self, out: Path, force: bool, show: _microsig._Show) -> None:
         self.made.save(out, force, show)
 
     def folder(self) -> Path:
@@ -233,6 +253,9 @@ class _Folder:
     def settings(self) -> dict[str, float]:
         return _microsig.scenario_of(self._folder)[2]
 
+    def title(self) -> str:
+        return self.manifest.get("name") or self._folder.resolve().name
+
     def facts(self) -> tuple[float, tuple[float, float], float, int]:
         facts = self.manifest["microsig"]
         low, high = facts.get("depth_range_um") or (float("nan"), float("nan"))
@@ -243,7 +266,7 @@ class _Folder:
     def warnings(self) -> list[str]:
         return []
 
-    def save(self, out: Path, force: bool, show: bool) -> None:
+    def save(self, out: Path, force: bool, show: _microsig._Show) -> None:
         _microsig.copy_dataset(self._folder, out, force)
 
     def folder(self) -> Path:
@@ -265,9 +288,9 @@ class Dataset:
         self._source = source
 
     @classmethod
-    def of_text(cls, text: _microsig.ScenarioText, progress: bool = False) -> Dataset:
+    def of_text(cls, text: _microsig.ScenarioText, progress: Progress = False) -> Dataset:
         """A dataset in memory, from arguments of the compiled part."""
-        return cls(_Memory(_microsig.generate(text, progress)))
+        return cls(_Memory(_microsig.generate(text, shown(progress))))
 
     @property
     def images(self) -> Images:
@@ -355,6 +378,16 @@ class Dataset:
         return str(self.scenario["name"])
 
     @property
+    def _title(self) -> str:
+        """Name of the dataset, or of the folder of a dataset whose scenario is withheld or unknown."""
+        return str(self._source.title())
+
+    @property
+    def _known_tracks(self) -> Table | None:
+        """:attr:`tracks`, or None if the truth is withheld or unknown."""
+        return self._source.table(_TRACKS)
+
+    @property
     def um_per_px(self) -> float:
         """Object-space length of a pixel, um."""
         return self._source.facts()[0]
@@ -384,18 +417,18 @@ class Dataset:
         """The folder of a dataset on disk, None in memory."""
         return self._source.folder() if isinstance(self._source, _Folder) else None
 
-    def save(self, path: str | os.PathLike[str] | None = None, *, force: bool = False, progress: bool = False) -> Path:
+    def save(self, path: str | os.PathLike[str] | None = None, *, force: bool = False, progress: Progress = False) -> Path:
         """Write the dataset to a folder, with bytes identical to ``microsig generate``.
 
         :param path: the folder, by default ``datasets/NAME``; it appears complete or not at all
         :param force: replace an existing dataset
-        :param progress: show a bar, if standard error is a terminal
+        :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
         :returns: the folder
         :raises FileExistsError: the folder already exists
         :raises OSError: writing failed
         """
         out = Path("datasets") / self.name if path is None else Path(path)
-        self._source.save(out, flag("force", force), flag("progress", progress))
+        self._source.save(out, flag("force", force), shown(progress))
         return out
 
     def show(self, frame: int = 0, *, truth: bool = True) -> Figure:
@@ -408,6 +441,37 @@ class Dataset:
 
         return _plots.show(self, frame, truth)
 
+    def to_napari(self) -> list[tuple[Any, dict[str, Any], str]]:
+        """Layers of napari: data, arguments and kind of the images, of one calibration stack and of the true tracks.
+
+        >>> viewer = napari.Viewer()                                    # doctest: +SKIP
+        >>> for layer in ds.to_napari(): viewer.add_layer(napari.layers.Layer.create(*layer))   # doctest: +SKIP
+
+        Scales are frames and um, depths um; positions are array indices, as napari's. With napari, the package also opens
+        folders of datasets directly.
+        """
+        from . import _napari
+
+        return _napari.layers(self)
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        frames, (rows, columns) = len(self), self.image(0).shape if len(self) else (0, 0)
+        low, high = self.depth_range_um
+        tracks = self._known_tracks
+        facts = {
+            "frames": f"{frames} of {columns} x {rows} px, {self.bits} bit",
+            "pixel": f"{self.um_per_px:.4g} um",
+            "depth": f"{low:g} to {high:g} um",
+            "time step": f"{self.dt_s:g} s",
+            "particles": "withheld" if tracks is None else f"{len(np.unique(tracks['track']))} tracks, {len(tracks)} positions",
+            "place": "in memory" if self.path is None else str(self.path),
+        }
+        body = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in facts.items())
+        picture = f'<img src="data:image/png;base64,{_thumbnail(self.image(0))}">' if frames else ""
+        return f"<p><b>{escape(self._title)}</b></p>{picture}<table>{body}</table>"
+
     def __repr__(self) -> str:
         frames, (rows, columns) = len(self), self.image(0).shape if len(self) else (0, 0)
         low, high = self.depth_range_um
@@ -418,8 +482,28 @@ class Dataset:
         )
 
 
+def _thumbnail(image: NDArray[Any]) -> str:
+    """An image as a gray PNG of at most 384 px, in base64."""
+    import base64
+    import struct
+    import zlib
+
+    step = max(1, -(-max(image.shape) // 384))
+    small = image[::step, ::step].astype(np.float64)
+    low, high = np.percentile(small, [1.0, 99.8])
+    gray = np.clip((small - low) / max(high - low, 1e-9) * 255, 0, 255).astype(np.uint8)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", gray.shape[1], gray.shape[0], 8, 0, 0, 0, 0)
+    rows = zlib.compress(np.hstack([np.zeros((len(gray), 1), np.uint8), gray]).tobytes())
+    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    return base64.b64encode(png).decode("ascii")
+
+
 def generate(
-    scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None, *, progress: bool = False
+    scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None, *, progress: Progress = False
 ) -> Dataset:
     """Generate a dataset in memory: images, truth, calibration; no file is written.
 
@@ -432,11 +516,11 @@ def generate(
         text (RON or JSON), or a dict of its keys (docs/scenario.md lists them)
     :param seed: seed of all random numbers, 0 to 2^64 - 1, by default that of the scenario
     :param set: scenario values by path, such as ``{"optics.background_noise": 20}``
-    :param progress: show a bar, if standard error is a terminal
+    :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :raises ValueError: the scenario is invalid; the message lists all problems with their positions
     :raises OSError: a file cannot be read
     """
-    return Dataset.of_text(_scenario.text(scenario, seed, set), flag("progress", progress))
+    return Dataset.of_text(_scenario.text(scenario, seed, set), progress)
 
 
 def open(path: str | os.PathLike[str]) -> Dataset:

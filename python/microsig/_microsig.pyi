@@ -1,6 +1,7 @@
 """The compiled part of microsig. Not for users: names here may change."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypedDict, final, type_check_only
 
@@ -15,6 +16,8 @@ __all__ = [
     "Samples",
     "SweepCases",
     "__version__",
+    "arrow_stream",
+    "call",
     "command",
     "compare",
     "copy_dataset",
@@ -26,6 +29,7 @@ __all__ = [
     "import_recording",
     "manifest",
     "methods",
+    "optics",
     "read_images",
     "read_scenario",
     "read_settings",
@@ -37,6 +41,7 @@ __all__ = [
     "sweep",
     "track",
     "unpack_scenarios",
+    "write_stack",
 ]
 
 __version__: str
@@ -49,12 +54,24 @@ class ScenarioText(TypedDict):
     assignments: list[str]
     seed: int | None
 
+_Show = bool | Callable[[str, int, int], Any]
 _Images = NDArray[np.uint16] | NDArray[np.float32]
 _Table = tuple[str, str, dict[str, tuple[str, str]], dict[str, Any]]
 
 def command(arguments: list[str]) -> int: ...
 def set_threads(threads: int) -> None: ...
-def generate(text: ScenarioText, show: bool) -> Made: ...
+def call(arguments: list[str], show: _Show) -> tuple[str, str, list[str], list[str]]: ...
+def optics(of: ScenarioText) -> tuple[str, str, str, list[str]]: ...
+def write_stack(
+    path: str | os.PathLike[str],
+    images: NDArray[Any],
+    um_per_px: float,
+    depths_um: list[float],
+    ome: bool,
+    name: str,
+) -> None: ...
+def arrow_stream(given: list[tuple[str, NDArray[Any] | list[str]]]) -> object: ...
+def generate(text: ScenarioText, show: _Show) -> Made: ...
 def resolve(text: ScenarioText) -> tuple[str, str, list[str]]: ...
 def manifest(dataset: str | os.PathLike[str]) -> str: ...
 def scenario_of(dataset: str | os.PathLike[str]) -> tuple[str, str, dict[str, float]]: ...
@@ -75,7 +92,7 @@ class Made:
     def settings(self) -> dict[str, float]: ...
     def facts(self) -> tuple[float, tuple[float, float], float, int]: ...
     def warnings(self) -> list[str]: ...
-    def save(self, out: str | os.PathLike[str], force: bool, show: bool) -> None: ...
+    def save(self, out: str | os.PathLike[str], force: bool, show: _Show) -> None: ...
 
 @type_check_only
 class How(TypedDict):
@@ -131,7 +148,7 @@ def evaluate(
     how: How,
 ) -> tuple[str, str, str]: ...
 def compare(scores: list[tuple[str, str, str]]) -> tuple[str, list[str], str]: ...
-def import_recording(out: Path, how: dict[str, Any], show: bool) -> list[str]: ...
+def import_recording(out: Path, how: dict[str, Any], show: _Show) -> list[str]: ...
 def track(
     dataset: str | os.PathLike[str],
     method: str,
@@ -143,7 +160,7 @@ def track(
     spheroids: bool,
     aspect_ratio: float | None,
     seed: int,
-    show: bool,
+    show: _Show,
 ) -> dict[str, Any]: ...
 def methods() -> list[tuple[str, str]]: ...
 def sweep(text: str, name: str, folder: str | os.PathLike[str], seed: int | None) -> SweepCases: ...

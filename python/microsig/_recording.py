@@ -10,6 +10,7 @@ from pathlib import Path
 from . import _microsig
 from ._arguments import flag, real, whole
 from ._dataset import Dataset, open
+from ._progress import Progress, shown
 
 _Path = str | os.PathLike[str]
 
@@ -38,7 +39,7 @@ def import_recording(
     window_px: int | None = None,
     copy: bool = False,
     force: bool = False,
-    progress: bool = False,
+    progress: Progress = False,
 ) -> Dataset:
     """Make a folder like a dataset's from recorded images and a calibration scan, as ``microsig import`` does, and open it.
 
@@ -64,7 +65,7 @@ def import_recording(
     :param window_px: width of the calibration images, px
     :param copy: copy images that could be linked
     :param force: replace an earlier folder
-    :param progress: show a bar, if standard error is a terminal
+    :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :raises ValueError: input that cannot be used, by file, page or line, and value
     :raises FileExistsError: the folder exists
     :raises OSError: a file cannot be read or written
@@ -96,7 +97,7 @@ def import_recording(
         "copy": flag("copy", copy),
         "force": flag("force", force),
     }
-    for warning in _microsig.import_recording(Path(out), how, flag("progress", progress)):
+    for warning in _microsig.import_recording(Path(out), how, shown(progress)):
         warnings.warn(warning, stacklevel=2)
     return open(out)
 

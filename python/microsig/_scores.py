@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from . import _microsig, _scenario
 from ._arguments import LAST_SEED, flag, interval, one_of, optional, real, whole
 from ._dataset import Dataset, generate
-from ._table import Table
+from ._progress import Progress, shown
+from ._table import Table, plain
 
 if TYPE_CHECKING:
     import pandas
@@ -156,20 +157,8 @@ def _columns(result: Any) -> dict[str, Any]:
     raise TypeError(f"a result is a path, a table, a data frame or a dict, not {type(result).__name__}")
 
 
-def _values(name: str, values: Any) -> NDArray[Any] | list[str]:
-    """A column as the compiled part takes it: int64, float64 or texts."""
-    array = np.asarray(values)
-    if array.ndim != 1:
-        raise ValueError(f"result: {name} has shape {array.shape}: expected one dimension")
-    if array.dtype.kind in "iub" and array.dtype != np.uint64:
-        return array.astype(np.int64)
-    if array.dtype.kind in "fu":
-        return array.astype(np.float64)
-    return ["" if v is None else str(v) for v in array.tolist()]
-
-
 def _given(result: Any) -> list[tuple[str, NDArray[Any] | list[str]]]:
-    columns = [(name, _values(name, values)) for name, values in _columns(result).items()]
+    columns = [(name, plain(f"result: {name}", values)) for name, values in _columns(result).items()]
     if not columns:
         raise ValueError("result: no columns; expected frame, track, x_px, y_px [, z_um] or x_px, y_px, dx_px, dy_px")
     if len({len(values) for _, values in columns}) > 1:
@@ -271,7 +260,7 @@ def track(
     shape: Literal["sphere", "spheroid"] = "sphere",
     aspect_ratio: float | None = None,
     seed: int = 0,
-    progress: bool = False,
+    progress: Progress = False,
 ) -> Table:
     """The result of a baseline tracker, as of ``microsig track``.
 
@@ -288,7 +277,7 @@ def track(
     :param aspect_ratio: polar over equatorial diameter of spheroids, 0.1 to 10; if None, fitted
         (``mle``) or the best of 1/4, 1/2, 2, 4 (``ncc``)
     :param seed: seed of that noise
-    :param progress: show a bar, if standard error is a terminal
+    :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field; of
         spheroids also axes and, of ``mle``, standard deviations and a second axis that fits
     :raises ValueError: an unknown method, an option out of range, a dataset without what the method needs
@@ -304,7 +293,7 @@ def track(
         one_of("shape", shape, ("sphere", "spheroid")) == "spheroid",
         None if aspect_ratio is None else real("aspect_ratio", aspect_ratio, 0.1, 10),
         whole("seed", seed, 0, LAST_SEED),
-        flag("progress", progress),
+        shown(progress),
     )
     return Table(_microsig.track(_folder(dataset), method, *options), name=f"result of {method}")
 

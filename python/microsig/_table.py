@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _microsig
+
 if TYPE_CHECKING:
     import pandas
     import polars
+    import xarray
 
 #: Columns that are pixel coordinates.
 _PIXELS = ("x_px", "y_px")
@@ -150,6 +153,25 @@ class Table(dict[str, NDArray[Any]]):
 
         return polars.DataFrame(self.to_dict())
 
+    def to_xarray(self, displacement: str | None = None, plane_um: float | None = None) -> xarray.Dataset:
+        """A displacement field on a grid in the conventions of pivpy; raises ImportError without xarray.
+
+        :param displacement: ``central``, ``forward``, ``weighted``, ... of ``ds.field``, by default ``central``
+        :param plane_um: the plane nearest to this depth, um, if there are several
+        :returns: ``u``, ``v`` (px) [, ``w`` (um)] and ``chc`` (1: valid) by (y, x, t); x and y in px, t is the pair
+        :raises ValueError: a table that is no field on a grid; no such displacement; several planes
+        """
+        from . import _xarray
+
+        return _xarray.of_field(self, displacement, plane_um)
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """The table by Arrow's PyCapsule interface, for pyarrow, polars, pandas, DuckDB and others; needs none of them.
+
+        Integers, numbers and texts are int64, float64 and utf8 without nulls: missing values stay -1 and NaN.
+        """
+        return _microsig.arrow_stream([(column, plain(column, array)) for column, array in self.items()])
+
     def __repr__(self) -> str:
         shown = min(len(self), 6)
         head = [[_cell(array[row]) for row in range(shown)] for array in self.values()]
@@ -173,6 +195,18 @@ class Table(dict[str, NDArray[Any]]):
         )
         title = f"<p>{escape(self.name)}: {len(self)} rows, {len(self.columns)} columns</p>"
         return f"{title}<table><tr>{head}</tr>{rows}</table>"
+
+
+def plain(name: str, values: Any) -> NDArray[Any] | list[str]:
+    """A column as the compiled part takes it: int64, float64 or texts; ``name`` is that in messages."""
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise ValueError(f"{name} has shape {array.shape}: expected one dimension")
+    if array.dtype.kind in "iub" and array.dtype != np.uint64:
+        return array.astype(np.int64)
+    if array.dtype.kind in "fu":
+        return array.astype(np.float64)
+    return ["" if v is None else str(v) for v in array.tolist()]
 
 
 def _restored(columns: dict[str, Any], about: dict[str, Any]) -> Table:

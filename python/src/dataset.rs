@@ -18,7 +18,7 @@ use scenario::{self, Scenario};
 use serde_json::Value;
 
 use crate::columns::{arrays, table};
-use crate::run::{OnInterrupt, raise, run};
+use crate::run::{OnInterrupt, Show, raise, run};
 
 /// A table: its path in a dataset, what a row is, units and meanings by column, values by column.
 type PyTable<'py> = (String, String, Bound<'py, PyDict>, Bound<'py, PyDict>);
@@ -131,7 +131,7 @@ impl Made {
     }
 
     /// Writes the dataset into a folder.
-    fn save(&self, py: Python<'_>, out: PathBuf, force: bool, show: bool) -> PyResult<()> {
+    fn save(&self, py: Python<'_>, out: PathBuf, force: bool, show: Show<'_>) -> PyResult<()> {
         let made = Arc::clone(&self.0);
         run(py, show, OnInterrupt::Wait, move |progress| {
             let progress = progress.clone();
@@ -159,7 +159,7 @@ fn unpack_scenarios(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
 
 /// A dataset in memory from a scenario.
 #[pyfunction]
-fn generate(py: Python<'_>, text: ScenarioText, show: bool) -> PyResult<Made> {
+fn generate(py: Python<'_>, text: ScenarioText, show: Show<'_>) -> PyResult<Made> {
     let made = run(py, show, OnInterrupt::Wait, move |progress| {
         MemoryDataset::take(text.resolve()?, progress).map(Arc::new)
     })?;

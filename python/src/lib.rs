@@ -3,6 +3,7 @@
 //!
 //! Names, defaults and documentation for users are in `microsig/*.py`; here arguments are plain and complete.
 
+mod arrow;
 mod columns;
 mod dataset;
 mod fields;
@@ -11,6 +12,7 @@ mod render;
 mod run;
 mod scores;
 mod stream;
+mod verbs;
 
 use pyo3::prelude::*;
 use std::io::Write;
@@ -39,10 +41,12 @@ fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", ::dataset::manifest::GENERATOR_VERSION)?;
     module.add_function(wrap_pyfunction!(command, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
+    arrow::add(module)?;
     dataset::add(module)?;
     render::add(module)?;
     fields::add(module)?;
     recording::add(module)?;
     scores::add(module)?;
-    stream::add(module)
+    stream::add(module)?;
+    verbs::add(module)
 }

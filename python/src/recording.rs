@@ -6,7 +6,7 @@ use fit::StagePositions;
 use import::{ImportOptions, import};
 use pyo3::prelude::*;
 
-use crate::run::{OnInterrupt, run};
+use crate::run::{OnInterrupt, Show, run};
 
 /// Options of an import; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
@@ -55,7 +55,7 @@ struct How {
 
 /// Imports a recording into a folder; gives warnings.
 #[pyfunction]
-fn import_recording(py: Python<'_>, out: PathBuf, how: How, show: bool) -> PyResult<Vec<String>> {
+fn import_recording(py: Python<'_>, out: PathBuf, how: How, show: Show<'_>) -> PyResult<Vec<String>> {
     let made = run(py, show, OnInterrupt::Wait, move |progress| {
         let positions = match (how.z, how.z_step_um) {
             (Some(file), _) => StagePositions::Table(file),

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
 use bench::cli::printable;
-use generator::runner::{Progress, Stop};
+use generator::runner::{Progress, Stop, Watched};
 use microsig_core::cancel::Cancellation;
 use pyo3::exceptions::{
     PyFileExistsError, PyFileNotFoundError, PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError,
@@ -70,15 +70,48 @@ pub(crate) enum OnInterrupt {
     Wait,
 }
 
-/// Does some work while signals are handled; progress is shown on a terminal if `show`.
-pub(crate) fn run<T: Send + 'static>(
+/// Who is told the progress of work.
+#[derive(FromPyObject)]
+pub(crate) enum Show<'py> {
+    /// Bars on standard error if it is a terminal, or nobody.
+    Terminal(bool),
+    /// A callable of what is made (text), how many are done, and how many there are (0: unknown).
+    Told(Bound<'py, PyAny>),
+}
+
+impl From<bool> for Show<'_> {
+    fn from(show: bool) -> Self {
+        Show::Terminal(show)
+    }
+}
+
+impl Show<'_> {
+    /// Tells the progress, if it changed.
+    fn tell(&self, watched: &Watched, last: &mut Option<(String, u64, u64)>) -> PyResult<()> {
+        let Show::Told(callable) = self else { return Ok(()) };
+        let now = watched.now();
+        if now.is_some() && now != *last {
+            last.clone_from(&now);
+            callable.call1(now.unwrap_or_default())?;
+        }
+        Ok(())
+    }
+}
+
+/// Does some work while signals are handled; `show` is told its progress.
+pub(crate) fn run<'s, T: Send + 'static>(
     py: Python<'_>,
-    show: bool,
+    show: impl Into<Show<'s>>,
     on_interrupt: OnInterrupt,
     work: impl FnOnce(&Progress) -> storage::Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let (pool, stop, cancellation) = (pool(py)?, Stop::default(), Cancellation::default());
-    let shown = if show && std::io::stderr().is_terminal() { Progress::Bar } else { Progress::Hidden };
+    let (show, watched, mut told) = (show.into(), Watched::default(), None);
+    let shown = match &show {
+        Show::Terminal(true) if std::io::stderr().is_terminal() => Progress::Bar,
+        Show::Terminal(_) => Progress::Hidden,
+        Show::Told(_) => Progress::Watched(watched.clone()),
+    };
     let progress = Progress::Stoppable(stop.clone(), Box::new(shown));
     let (sender, receiver) = mpsc::channel();
     let cancelled = cancellation.clone();
@@ -99,13 +132,17 @@ pub(crate) fn run<T: Send + 'static>(
     };
     loop {
         match next(TICK) {
-            Ok(Ok(result)) => return result.map_err(raise),
+            Ok(Ok(result)) => {
+                show.tell(&watched, &mut told)?;
+                return result.map_err(raise);
+            }
             Ok(Err(panic)) => return Err(defect(panic.as_ref())),
             Err(mpsc::RecvTimeoutError::Disconnected) => {
                 return Err(PyRuntimeError::new_err("the thread that worked has ended"));
             }
             Err(mpsc::RecvTimeoutError::Timeout) => {
-                if let Err(signal) = py.check_signals() {
+                let told = py.check_signals().and_then(|()| show.tell(&watched, &mut told));
+                if let Err(signal) = told {
                     stop.stop();
                     cancellation.cancel();
                     while on_interrupt == OnInterrupt::Wait

@@ -15,7 +15,7 @@ use tracking::{METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
 use crate::dataset::{Kept, Place};
-use crate::run::{OnInterrupt, run};
+use crate::run::{OnInterrupt, Show, run};
 
 /// Options of scoring; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
@@ -154,8 +154,8 @@ fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(S
 /// Tracks a dataset by options within their ranges; gives the columns of the result.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
-fn track(
-    py: Python<'_>,
+fn track<'py>(
+    py: Python<'py>,
     dataset: PathBuf,
     method: String,
     max_displacement_px: f64,
@@ -166,8 +166,8 @@ fn track(
     spheroids: bool,
     aspect_ratio: Option<f64>,
     seed: u64,
-    show: bool,
-) -> PyResult<Bound<'_, PyDict>> {
+    show: Show<'py>,
+) -> PyResult<Bound<'py, PyDict>> {
     let columns = run(py, show, OnInterrupt::Wait, move |progress| {
         let options = TrackOptions {
             method,

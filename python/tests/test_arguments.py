@@ -88,7 +88,7 @@ def test_messages_name_arguments_rather_than_options_of_the_command(dataset, opt
         (lambda ds: ms.set_threads(-1), ValueError, "threads = -1: expected a whole number, 0 to 1024"),
         (lambda ds: ms.set_threads(1025), ValueError, "threads = 1025: expected a whole number, 0 to 1024"),
         (lambda ds: ms.set_threads(2**70), ValueError, "expected a whole number, 0 to 1024"),
-        (lambda ds: ms.generate(SMALL, progress="yes"), TypeError, "progress = 'yes': expected True or False"),
+        (lambda ds: ms.generate(SMALL, progress="yes"), TypeError, "progress = 'yes': expected True, False, a callable"),
         (lambda ds: ms.compare({}), ValueError, "scores = {}: expected a dict of what evaluate"),
         (lambda ds: ms.compare({"a": 1}), TypeError, "scores: 'a' is of type int: expected"),
         (lambda ds: ms.compare([1]), TypeError, "scores of type list: expected a dict"),

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use microsig_core::formats::pages::Pages;
 use serde_json::Value;
-use suite::microsig::{fail, generate, path, run};
+use suite::microsig::{fail, generate, microsig, path, run};
 
 const PAIRS: &str = r#"(
     name: "pairs",
@@ -188,4 +189,93 @@ fn exported_fields_score_perfectly() {
 
     std::fs::remove_file(&table).unwrap();
     assert!(refused(&[]).contains("has no true displacement field"));
+}
+
+/// A stack of one file has the images of its dataset, and `fit` finds the z step in it: the same settings as
+/// from the folder of images and its table.
+#[test]
+fn stacks_hold_images_and_scale() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = SEQUENCE.replace("calibration: none,", "calibration: every_um(5),");
+    let dataset = generate(place.path(), "stacks", &scenario);
+    let exported = |format: &str, images: &str| {
+        let out = place.path().join(format!("{images}.{format}.tif"));
+        run(&["export", path(&dataset), "--format", format, "--images", images, "--out", path(&out)]);
+        out
+    };
+    let counts = |files: &[PathBuf]| {
+        let mut all = Vec::new();
+        for file in files {
+            let reader = std::io::BufReader::new(std::fs::File::open(file).unwrap());
+            let mut pages = Pages::open(reader, path(file)).unwrap();
+            loop {
+                let size = pages.size().unwrap();
+                all.push(pages.counts(size).unwrap());
+                if !pages.go_on().unwrap() {
+                    break;
+                }
+            }
+        }
+        all
+    };
+    let files = |folder: &str| {
+        let mut files: Vec<PathBuf> =
+            std::fs::read_dir(dataset.join(folder)).unwrap().map(|entry| entry.unwrap().path()).collect();
+        files.sort();
+        files
+    };
+    let fitted = |scan: &Path, more: &[&str]| {
+        let out = place.path().join("fitted");
+        let output = microsig()
+            .args([
+                "fit",
+                path(scan),
+                "--magnification",
+                "10",
+                "--pixel-size",
+                "6.5",
+                "--out",
+                path(&out),
+                "--json",
+            ])
+            .args(["--diameter", "2", "--z-direction", "away", "--astigmatic", "no", "--force", "--quiet"])
+            .args(more)
+            .output()
+            .unwrap();
+        let fitted: Value = serde_json::from_slice(&output.stdout).unwrap();
+        fitted["parameters"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|p| p["value"].as_f64().unwrap())
+            .collect::<Vec<_>>()
+    };
+    let folder = dataset.join("calibration/images");
+    let expected = fitted(&folder, &["--z", path(&dataset.join("calibration/calibration.csv"))]);
+    for format in ["ome-tiff", "imagej-stack"] {
+        assert_eq!(counts(&[exported(format, "frames")]), counts(&files("images")), "{format}");
+        let scan = exported(format, "calibration");
+        assert_eq!(counts(std::slice::from_ref(&scan)), counts(&files("calibration/images")), "{format}");
+        // The origin of z is that of the file's first page, so depths of particles differ, and rounding
+        // with them.
+        for (found, expected) in fitted(&scan, &[]).iter().zip(&expected) {
+            assert!((found / expected - 1.0).abs() < 1e-3, "{format}: {found} {expected}");
+        }
+    }
+    let message = fail(
+        2,
+        &[
+            "export",
+            path(&dataset),
+            "--format",
+            "ome-tiff",
+            "--images",
+            "calibration",
+            "--stack",
+            "d_9um",
+            "--out",
+            "a.tif",
+        ],
+    );
+    assert!(message.contains("no stack \"d_9um\""), "{message}");
 }

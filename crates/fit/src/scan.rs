@@ -48,7 +48,7 @@ pub enum StagePositions {
     Table(PathBuf),
     /// A constant step between planes, um.
     Step(f64),
-    /// The slice spacing that ImageJ stores in the file's description.
+    /// The slice spacing that ImageJ or OME-XML states in the file's description.
     FromFile,
 }
 
@@ -83,7 +83,7 @@ impl Scan {
                         path.display()
                     ))
                 })?;
-                warnings.push(format!("stage step of {step} um taken from the image description (ImageJ)"));
+                warnings.push(format!("stage step of {step} um taken from the image description"));
                 (0..n).map(|i| step * i as f64).collect()
             }
         };
@@ -249,7 +249,7 @@ fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) 
         let size = pages.size()?;
         if page == 0 {
             (all.width, all.height) = (size.width as usize, size.height as usize);
-            all.spacing_um = pages.description().and_then(|text| spacing(&text));
+            all.spacing_um = pages.spacing_um();
         }
         // Checked before memory is allocated for the pixels.
         if all.width.saturating_mul(all.height).saturating_mul(page + 1) > MAX_PIXELS {
@@ -263,15 +263,6 @@ fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) 
             return Ok(());
         }
     }
-}
-
-/// ImageJ's slice spacing, um.
-fn spacing(description: &str) -> Option<f64> {
-    let entry = |key: &str| description.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
-    let unit = entry("unit")?;
-    let spacing: f64 = entry("spacing")?.trim().parse().ok()?;
-    let known = matches!(unit.trim(), "um" | "micron" | "microns" | "\\u00B5m" | "\u{b5}m");
-    (known && spacing.is_finite() && spacing != 0.0).then_some(spacing)
 }
 
 /// A row of the table of stage positions.

@@ -118,13 +118,14 @@ fn formulas(schema: &mut Schema) {
     }
 }
 
-/// Velocities on a regular grid, from a file: `.npy` (with its geometry given here), `.csv` or legacy `.vtk`.
+/// Velocities on a regular grid, from a file: `.npy` (with its geometry given here), `.csv`, or VTK's `.vti`,
+/// `.vtr` and legacy `.vtk`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Gridded {
-    /// File with the velocities in um/s, relative to the scenario: `.npy` with an array of shape (z, y, x, 3)
-    /// or (time, z, y, x, 3); `.csv` with the columns x_um, y_um, z_um, u_um_s, v_um_s, w_um_s and, for
-    /// several times, t_s; or legacy `.vtk`. A position outside the grid has the velocity of the nearest
-    /// point of the grid.
+    /// File with the velocities in um/s, relative to the scenario: `.npy` with an array of shape (z, y, x,
+    /// 3) or (time, z, y, x, 3); `.csv` with the columns x_um, y_um, z_um, u_um_s, v_um_s, w_um_s and, for
+    /// several times, t_s; or VTK's `.vti`, `.vtr` (with equal steps) and legacy `.vtk`. A position outside
+    /// the grid has the velocity of the nearest point of the grid.
     #[schemars(example = &"velocities.npy")]
     pub file: String,
     /// Interpolation between the nodes.
@@ -175,8 +176,13 @@ impl Gridded {
             "npy" => VelocityGrid::from_npy(&bytes[..], &self.geometry),
             "csv" => VelocityGrid::from_csv(&bytes[..]),
             "vtk" => VelocityGrid::from_vtk(&bytes[..]),
+            "vti" | "vtr" => VelocityGrid::from_vtk_xml(&bytes[..]),
             other => {
-                problems.value(&key, &self.file, &format!("a .npy, .csv or .vtk file, not `.{other}`"));
+                problems.value(
+                    &key,
+                    &self.file,
+                    &format!("a .npy, .csv, .vtk, .vti or .vtr file, not `.{other}`"),
+                );
                 return None;
             }
         };

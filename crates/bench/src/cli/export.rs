@@ -1,4 +1,4 @@
-//! `microsig export`: writes the truth in the format of another program.
+//! `microsig export`: writes the truth or the images in the format of another program.
 
 use std::path::PathBuf;
 
@@ -7,10 +7,10 @@ use clap::Args;
 use super::Common;
 use super::options::Replace;
 use super::output::written;
-use crate::export::{Displacement, ExportFormat, ExportOptions, export};
+use crate::export::{Displacement, ExportFormat, ExportOptions, StackImages, export};
 use storage::error::Result;
 
-/// Export the truth of a dataset to the format of another program
+/// Export the truth or the images of a dataset to the format of another program
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig export datasets/quickstart --format trackpy --out truth.csv")]
 pub(super) struct Export {
@@ -28,6 +28,12 @@ pub(super) struct Export {
     /// Definition of the displacement field
     #[arg(long, value_enum, value_name = "DEFINITION", default_value_t = Displacement::Central)]
     displacement: Displacement,
+    /// Images of ome-tiff and imagej-stack
+    #[arg(long, value_enum, value_name = "IMAGES", default_value_t = StackImages::Frames)]
+    images: StackImages,
+    /// Folder below calibration/images, such as d_2um, if there are several calibration stacks
+    #[arg(long, value_name = "NAME")]
+    stack: Option<String>,
     #[command(flatten)]
     replace: Replace,
 }
@@ -41,14 +47,13 @@ impl Export {
                 out: self.out.clone(),
                 pair: self.pair,
                 displacement: self.displacement,
+                images: self.images,
+                stack: self.stack.clone(),
                 force: self.replace.force,
             },
         )?;
-        let rows = match self.format {
-            ExportFormat::Coco | ExportFormat::Yolo | ExportFormat::Masks => "boxes",
-            _ => "vectors",
-        };
-        let of = exported.tracks.map_or_else(|| rows.to_owned(), |n| format!("points of {n} tracks"));
+        let rows = self.format.rows();
+        let of = exported.tracks.map_or_else(|| rows.to_owned(), |n| format!("{rows} of {n} tracks"));
         let text = format!("{}: {} {of}", exported.out.display(), exported.rows);
         written(&exported.out, &text, &exported, common)
     }

@@ -31,18 +31,20 @@ mod verify;
 #[cfg(feature = "view")]
 mod view;
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::Context;
 use options::ProgressStyle;
-pub use output::printable;
+use output::Caller;
+pub use output::{Answer, printable};
 use serde_json::json;
 
-use generator::runner::Tables;
+use generator::runner::{Progress, Tables};
 use storage::error::{Error, Result};
 use storage::table_cache::{TableFolder, keep};
 use storage::{StandardStreams, clean_up_on_signals, file_size_limits_are_errors};
@@ -95,6 +97,9 @@ struct Common {
     /// How progress is reported on standard error
     #[arg(long, global = true, value_enum, default_value_t, value_name = "HOW")]
     progress: ProgressStyle,
+    /// Who gets the output instead of a terminal.
+    #[arg(skip)]
+    caller: Option<Caller>,
 }
 
 /// The verbs; the help of each is the documentation of its arguments.
@@ -196,23 +201,54 @@ impl Cli {
         keep(Context { tables: Some(Arc::new(tables)) });
         verb.run(common)
     }
+
+    /// Runs a verb for a program, in its threads: prints nothing and never exits. A check that failed after
+    /// the verb had a result is part of the answer.
+    ///
+    /// # Errors
+    /// Arguments that cannot be parsed; errors of the verb.
+    pub fn call(arguments: &[OsString], progress: Progress) -> Result<Answer> {
+        let refused = |e: clap::Error| {
+            let text = e.to_string();
+            let text = text.split("\n\n").next().unwrap_or_default();
+            Error::input(text.trim_start_matches("error: "))
+        };
+        let matches = command().try_get_matches_from(arguments).map_err(refused)?;
+        let mut cli = Cli::from_arg_matches(&matches).map_err(refused)?;
+        cli.common.caller = Some(Caller::new(progress));
+        let Cli { verb: Some(verb), common, .. } = &cli else {
+            return Err(Error::input("expected a command"));
+        };
+        let done = verb.run(common);
+        let Some(caller) = cli.common.caller else { return Ok(Answer::default()) };
+        let mut answer = caller.answer.into_inner().unwrap_or_else(PoisonError::into_inner);
+        match done {
+            Ok(()) => {}
+            Err(Error::Failed(failures)) if !answer.json.is_empty() => answer.failures = failures,
+            Err(e) => return Err(e),
+        }
+        Ok(answer)
+    }
 }
 
 /// Verbs that write files only if asked to, and the option (or group of options) that asks for it.
 const WRITE_IF: [(&str, &str); 5] =
     [("evaluate", "out"), ("flows", "plot"), ("new", "file"), ("optics", "written"), ("view", "export")];
 
-/// The arguments. Negative numbers are parsed as values, not as options, so that errors state the allowed
+/// The command. Negative numbers are parsed as values, not as options, so that errors state the allowed
 /// range.
-fn arguments() -> Cli {
-    let command = Cli::command().mut_subcommands(|verb| {
+fn command() -> clap::Command {
+    Cli::command().mut_subcommands(|verb| {
         let verb = verb.allow_negative_numbers(true);
         match WRITE_IF.iter().find(|(name, _)| *name == verb.get_name()) {
             Some((_, option)) => verb.mut_arg("force", |force| force.requires(option)),
             None => verb,
         }
-    });
-    Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit())
+    })
+}
+
+fn arguments() -> Cli {
+    Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|e| e.exit())
 }
 
 /// The program: reads the arguments, runs the verb, writes errors to standard error, returns the exit code.

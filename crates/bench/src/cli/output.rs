@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::io::{IsTerminal as _, Write};
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use serde::Serialize;
 
@@ -12,10 +12,43 @@ use super::options::ProgressStyle;
 use generator::runner::Progress;
 use storage::error::{Error, Result};
 
-/// Progress as asked for by `--progress`, none with `--quiet`.
+/// What a verb gives to a program that calls it ([`super::Cli::call`]).
+#[derive(Debug, Default)]
+pub struct Answer {
+    /// The result as one JSON object, as `--json` prints it; empty if the verb has none.
+    pub json: String,
+    /// The result as a sentence.
+    pub text: String,
+    /// Warnings.
+    pub warnings: Vec<String>,
+    /// Checks that failed.
+    pub failures: Vec<String>,
+}
+
+/// A program that calls a verb.
+#[derive(Debug)]
+pub(super) struct Caller {
+    progress: Progress,
+    pub(super) answer: Mutex<Answer>,
+}
+
+impl Caller {
+    pub(super) fn new(progress: Progress) -> Self {
+        Caller { progress, answer: Mutex::default() }
+    }
+
+    fn tell(&self, change: impl FnOnce(&mut Answer)) {
+        change(&mut self.answer.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+/// Progress as asked for by `--progress`, none with `--quiet`; for a program, its progress.
 pub(super) fn progress(common: &Common) -> Progress {
     // All tasks are reported together.
     static REPORTS: OnceLock<Progress> = OnceLock::new();
+    if let Some(caller) = &common.caller {
+        return caller.progress.clone();
+    }
     match common.progress {
         _ if common.quiet => Progress::Hidden,
         ProgressStyle::Auto if std::io::stderr().is_terminal() => Progress::Bar,
@@ -45,7 +78,9 @@ fn escaped(json: &str) -> String {
 
 /// Prints warnings, unless `--quiet`.
 pub(super) fn warn(warnings: &[impl Display], common: &Common) {
-    if !common.quiet {
+    if let Some(caller) = &common.caller {
+        caller.tell(|answer| answer.warnings.extend(warnings.iter().map(ToString::to_string)));
+    } else if !common.quiet {
         let mut stderr = std::io::stderr().lock();
         // A warning that cannot be printed does not stop the run.
         let _ = warnings.iter().try_for_each(|w| writeln!(stderr, "warning: {}", printable(&w.to_string())));
@@ -54,7 +89,7 @@ pub(super) fn warn(warnings: &[impl Display], common: &Common) {
 
 /// Prints a note on standard error, unless `--quiet`.
 pub(super) fn say(text: &str, common: &Common) {
-    if !common.quiet {
+    if !common.quiet && common.caller.is_none() {
         announce(text);
     }
 }
@@ -66,12 +101,18 @@ pub(super) fn announce(text: &str) {
 
 /// Prints what was asked for: as text, or as one JSON object with `--json`.
 pub(super) fn report(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
+    if let Some(caller) = &common.caller {
+        let json = json_of(result)?;
+        caller.tell(|answer| (answer.json, answer.text) = (json, text.to_owned()));
+        return Ok(());
+    }
     storage::print(format!("{}\n", line(text, result, common)?).as_bytes())
 }
 
 /// Sums up what was done or written: as a sentence unless `--quiet`, or as one JSON object with `--json`.
 pub(super) fn summarize(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
-    if common.json || !common.quiet { report(text, result, common) } else { Ok(()) }
+    let is_wanted = common.json || !common.quiet || common.caller.is_some();
+    if is_wanted { report(text, result, common) } else { Ok(()) }
 }
 
 /// [`summarize`] for a file: on standard error if the file is standard output.
@@ -86,9 +127,10 @@ pub(super) fn written(out: &Path, text: &str, result: &impl Serialize, common: &
 }
 
 fn line(text: &str, result: &impl Serialize, common: &Common) -> Result<String> {
-    if !common.json {
-        return Ok(printable(text));
-    }
+    if common.json { json_of(result) } else { Ok(printable(text)) }
+}
+
+fn json_of(result: &impl Serialize) -> Result<String> {
     // serde_json escapes control characters below U+0020 only.
     Ok(escaped(&serde_json::to_string(result).map_err(|e| Error::input(e.to_string()))?))
 }

@@ -1,4 +1,4 @@
-//! `microsig export`: the truth of a dataset in the formats of other programs.
+//! `microsig export`: the truth of a dataset in the formats of other programs, and its images as stacks.
 //!
 //! Exported are the particles that are scored (`evaluate::truth`): visible ones inside the depth range, with
 //! a separate track number for each uninterrupted visible section. An exported file that is read back and
@@ -8,6 +8,8 @@
 mod boxes;
 mod field;
 mod particles;
+mod pivmeta;
+mod stack;
 
 use std::path::{Path, PathBuf};
 
@@ -40,6 +42,34 @@ pub enum ExportFormat {
     Flo,
     /// OpenPIV's text file: a vector for each node of the truth's grid.
     Openpiv,
+    /// The manifest in the terms of the ontology PIVMeta, as JSON-LD.
+    Pivmeta,
+    /// Images with their scale as one OME-TIFF file.
+    OmeTiff,
+    /// Images with their scale as one TIFF file of ImageJ and Fiji.
+    ImagejStack,
+}
+
+impl ExportFormat {
+    /// What the rows of this format are.
+    pub fn rows(self) -> &'static str {
+        match self {
+            ExportFormat::Coco | ExportFormat::Yolo | ExportFormat::Masks => "boxes",
+            ExportFormat::Flo | ExportFormat::Openpiv => "vectors",
+            ExportFormat::OmeTiff | ExportFormat::ImagejStack => "images",
+            ExportFormat::Pivmeta => "distributions",
+            _ => "points",
+        }
+    }
+}
+
+/// Images of a stack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum StackImages {
+    /// The frames, over time.
+    Frames,
+    /// A calibration stack, over depth.
+    Calibration,
 }
 
 /// Kinds of true displacement fields.
@@ -75,6 +105,10 @@ pub struct ExportOptions {
     pub pair: Option<u32>,
     /// Kind of displacement field.
     pub displacement: Displacement,
+    /// Images of `ome-tiff` and `imagej-stack`.
+    pub images: StackImages,
+    /// Folder of the calibration stack below `calibration/images`, if there are several.
+    pub stack: Option<String>,
     /// Whether to replace an existing file.
     pub force: bool,
 }
@@ -84,13 +118,13 @@ pub struct ExportOptions {
 pub struct Exported {
     /// Path of the output file.
     pub out: PathBuf,
-    /// Number of points, boxes or vectors.
+    /// Number of points, boxes, vectors, images or distributions.
     pub rows: usize,
-    /// Number of tracks; `None` for boxes and fields.
+    /// Number of tracks; `None` for boxes, fields and images.
     pub tracks: Option<usize>,
 }
 
-/// Writes the truth of a dataset in another program's format. The file is written atomically.
+/// Writes the truth or the images of a dataset in another program's format. The file is written atomically.
 ///
 /// # Errors
 /// A dataset whose truth is missing or lacks what the format needs; an existing file, unless `force`; an I/O
@@ -101,7 +135,15 @@ pub fn export(dataset: &Path, options: &ExportOptions) -> Result<Exported> {
     if !dataset.is_dir() {
         return Err(Error::input(format!("{}: expected the folder of a dataset", dataset.display())));
     }
+    if let ExportFormat::OmeTiff | ExportFormat::ImagejStack = options.format {
+        let rows = stack::write(dataset, options)?;
+        return Ok(Exported { out: out.clone(), rows, tracks: None });
+    }
     let (bytes, rows, tracks) = match options.format {
+        ExportFormat::Pivmeta => {
+            let (bytes, rows) = pivmeta::write(dataset)?;
+            (bytes, rows, None)
+        }
         ExportFormat::Flo | ExportFormat::Openpiv => {
             let (bytes, rows) = field::write(dataset, options)?;
             (bytes, rows, None)

@@ -330,10 +330,10 @@ impl ReleaseTexts<'_> {
                 distribution.push(self.tracks_of(split));
             }
         }
-        let croissant = json!({
+        let mut croissant = json!({
             "@context": croissant_context(),
             "@type": "sc:Dataset",
-            "conformsTo": "http://mlcommons.org/croissant/1.0",
+            "conformsTo": ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"],
             "name": self.name,
             "description": self.description(),
             "license": self.license.url,
@@ -344,6 +344,9 @@ impl ReleaseTexts<'_> {
             "distribution": distribution,
             "recordSet": [self.records("train"), self.records("val")],
         });
+        for (key, text) in RESPONSIBLE {
+            croissant[format!("rai:{key}")] = json!(text);
+        }
         format!("{croissant:#}\n")
     }
 
@@ -398,6 +401,45 @@ impl ReleaseTexts<'_> {
         })
     }
 }
+
+/// What venues ask of data for machine learning, in the terms of Croissant RAI 1.0.
+const RESPONSIBLE: [(&str, &str); 10] = [
+    (
+        "dataCollection",
+        "Images are generated: a velocity field moves particles, rays or waves are traced from them through a model of the optics, and a \
+         model of the camera adds noise. scenario.ron of every split lists all parameters.",
+    ),
+    ("dataCollectionType", "Others: numerical simulation"),
+    (
+        "dataAnnotationProtocol",
+        "Annotations are the positions, sizes and displacements from which the images are generated; they are exact, and nobody annotates.",
+    ),
+    ("dataImputationProtocol", "None: no value is imputed."),
+    (
+        "dataCollectionMissingData",
+        "The truth of the test split is withheld until the deadline; the commitment proves that it does not change.",
+    ),
+    (
+        "dataBiases",
+        "Optics, flow, particles and noise are those of one scenario. Trackers that are tuned or trained on it may be worse on other \
+         microscopes, particle sizes, densities and noise.",
+    ),
+    (
+        "dataLimitations",
+        "Images contain what the optical model contains: no multiple scattering, no dirt, no vibration, no defects of the camera unless the \
+         scenario states them.",
+    ),
+    (
+        "dataUseCases",
+        "Training, validation and comparison of particle detectors, depth estimators, trackers and PIV algorithms. Conclusions about a real \
+         experiment need its own calibration.",
+    ),
+    ("personalSensitiveInformation", "None: the data contain no persons."),
+    (
+        "dataSocialImpact",
+        "Comparable measurements of trackers in microfluidics; no foreseeable harm to persons.",
+    ),
+];
 
 /// The JSON-LD context required by the Croissant 1.0 specification.
 fn croissant_context() -> Value {

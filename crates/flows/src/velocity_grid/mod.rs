@@ -1,5 +1,5 @@
-//! Velocities on a regular grid, and the readers of files that hold them: NumPy arrays, CSV, legacy VTK
-//! structured points.
+//! Velocities on a regular grid, and the readers of files that hold them: NumPy arrays, CSV, VTK
+//! (legacy structured points; XML images and rectilinear grids).
 //!
 //! Readers take any `Read`, not a path. An array is rejected before allocation if its header declares more
 //! than [`MAX_NODES`] nodes.
@@ -7,6 +7,7 @@
 mod csv;
 mod npy;
 mod vtk;
+mod vtk_xml;
 
 use crate::error::{Error, ParameterCheck, Result};
 use glam::DVec3;

@@ -17,7 +17,7 @@ mod verify;
 pub use cost::Cost;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
 pub use memory::{Calibration, MemoryDataset};
-pub use progress::{Bar, Progress, Stop, Tables};
+pub use progress::{Bar, Progress, Stop, Tables, Watched};
 pub use recording::Frames;
 pub use render::{RenderOptions, Rendered, render, render_particles};
 pub use shard::Shard;

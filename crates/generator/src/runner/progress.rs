@@ -28,6 +28,8 @@ pub enum Progress {
     Reports(Arc<Reports>, bool),
     /// No bars.
     Hidden,
+    /// Bars that another thread looks at.
+    Watched(Watched),
     /// Work that another thread may stop.
     Stoppable(Stop, Box<Progress>),
 }
@@ -45,6 +47,31 @@ impl Stop {
     /// Whether the work is to stop.
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Bars of work that another thread looks at; clones share them.
+#[derive(Debug, Clone, Default)]
+pub struct Watched(Arc<Mutex<Vec<(String, ProgressBar)>>>);
+
+impl Watched {
+    /// What is being made, how many are done, and how many there are (0 if that is unknown): of the bar that
+    /// was begun last and has not finished, or of the last of all.
+    pub fn now(&self) -> Option<(String, u64, u64)> {
+        let mut bars = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        while bars.len() > 1 && bars.last().is_some_and(|(_, bar)| bar.is_finished()) {
+            bars.pop();
+        }
+        let (what, bar) = bars.last()?;
+        Some((what.clone(), bar.position(), bar.length().unwrap_or(0)))
+    }
+
+    fn begin(&self, what: &str, length: Option<u64>) -> Bar {
+        let bar = ProgressBar::hidden();
+        length.into_iter().for_each(|n| bar.set_length(n));
+        let mut bars = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        bars.push((what.to_owned(), bar.clone()));
+        Bar { bar, reported: None }
     }
 }
 
@@ -77,7 +104,7 @@ impl Progress {
             Progress::Bar => true,
             Progress::Stoppable(_, shown) => shown.has_notes(),
             Progress::Reports(_, is_part) => !is_part,
-            Progress::Below(_) | Progress::Hidden => false,
+            Progress::Below(_) | Progress::Hidden | Progress::Watched(_) => false,
         }
     }
 
@@ -101,6 +128,8 @@ impl Progress {
             Progress::Reports(reports, _) => {
                 (self.bar(n, "cases"), Progress::Reports(Arc::clone(reports), true))
             }
+            // Its parts would only interrupt it.
+            Progress::Watched(watched) => (watched.begin("cases", Some(n)), Progress::Hidden),
             Progress::Stoppable(stop, shown) => {
                 let (bar, within) = shown.cases(n);
                 (bar, Progress::Stoppable(stop.clone(), Box::new(within)))
@@ -116,6 +145,7 @@ impl Progress {
     pub fn spinner(&self, what: &'static str) -> Bar {
         let bar = match self {
             Progress::Hidden => return Bar::default(),
+            Progress::Watched(watched) => return watched.begin(what, None),
             Progress::Stoppable(_, shown) => return shown.spinner(what),
             Progress::Reports(reports, _) => return Bar::reported(reports, 0, what),
             Progress::Bar => BARS.add(ProgressBar::new_spinner()),
@@ -132,6 +162,7 @@ impl Progress {
     fn bar(&self, n: u64, what: &'static str) -> Bar {
         let bar = match self {
             Progress::Hidden => return Bar::default(),
+            Progress::Watched(watched) => return watched.begin(what, Some(n)),
             Progress::Stoppable(_, shown) => return shown.bar(n, what),
             Progress::Reports(reports, _) => return Bar::reported(reports, n, what),
             Progress::Bar => BARS.add(ProgressBar::new(n)),

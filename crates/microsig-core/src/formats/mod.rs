@@ -5,5 +5,6 @@ pub mod data_file;
 pub mod number;
 pub mod pages;
 pub mod settings_file;
+pub mod stack;
 mod text_line;
 pub mod tiff;

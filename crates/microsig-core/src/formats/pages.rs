@@ -128,6 +128,30 @@ impl<R: Read + Seek> Pages<R> {
         let description = self.description()?;
         ome(&description).or_else(|| image_j(&description))
     }
+
+    /// The step between slices in um as ImageJ or OME-XML states it, from the description of the first page,
+    /// at which the file must be; `None` if there is none, or one in another unit.
+    pub fn spacing_um(&mut self) -> Option<f64> {
+        let text = self.description()?;
+        let (spacing, unit) = match Pixels::of(&text) {
+            // The unit of OME-XML by default.
+            Some(pixels) => (pixels.get("PhysicalSizeZ")?, pixels.get("PhysicalSizeZUnit").unwrap_or("um")),
+            None => (entry(&text, "spacing")?, entry(&text, "unit")?),
+        };
+        let spacing: f64 = spacing.trim().parse().ok()?;
+        let known = matches!(
+            unit.trim(),
+            "um" | "micron"
+                | "microns"
+                | "\\u00B5m"
+                | "\u{b5}m"
+                | "\u{3bc}m"
+                | "&#181;m"
+                | "&#xB5;m"
+                | "&#xb5;m"
+        );
+        (known && spacing.is_finite() && spacing != 0.0).then_some(spacing)
+    }
 }
 
 const COUNTS: &str = ": expected gray counts of 8 or 16 bit, as the camera recorded them";
@@ -137,18 +161,36 @@ fn malformed(name: &str, message: String) -> Error {
 }
 
 /// Attributes of the element `Pixels` of OME-XML.
-fn ome(text: &str) -> Option<PageOrder> {
-    let element = text.split_once("<Pixels ").or_else(|| text.split_once("<OME:Pixels "))?.1;
-    let element = element.split_once('>')?.0;
-    let attribute = |name: &str| {
-        let value = element.split_once(&format!("{name}=\""))?.1;
+struct Pixels<'a>(&'a str);
+
+impl<'a> Pixels<'a> {
+    fn of(text: &'a str) -> Option<Self> {
+        let element = text.split_once("<Pixels ").or_else(|| text.split_once("<OME:Pixels "))?.1;
+        Some(Pixels(element.split_once('>')?.0))
+    }
+
+    fn get(&self, name: &str) -> Option<&'a str> {
+        // A name is the end of no other.
+        let (_, value) = self.0.split_once(&format!(" {name}=\"")).or_else(|| {
+            let value = self.0.strip_prefix(name)?.strip_prefix("=\"")?;
+            Some(("", value))
+        })?;
         Some(value.split_once('"')?.0)
-    };
+    }
+}
+
+fn ome(text: &str) -> Option<PageOrder> {
+    let pixels = Pixels::of(text)?;
     let size =
-        |axis: char| attribute(&format!("Size{axis}")).and_then(|n| n.trim().parse().ok()).unwrap_or(1usize);
-    let axes: Vec<char> = attribute("DimensionOrder").unwrap_or("XYCZT").chars().skip(2).collect();
+        |axis: char| pixels.get(&format!("Size{axis}")).and_then(|n| n.trim().parse().ok()).unwrap_or(1usize);
+    let axes: Vec<char> = pixels.get("DimensionOrder").unwrap_or("XYCZT").chars().skip(2).collect();
     let [a, b, c] = axes[..].try_into().ok()?;
     Some(PageOrder { axes: [a, b, c].map(|axis| (axis, size(axis).max(1))), by: "OME-XML" })
+}
+
+/// An entry of ImageJ's description.
+fn entry<'a>(text: &'a str, key: &str) -> Option<&'a str> {
+    text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='))
 }
 
 /// Entries of ImageJ's description; pages are in the order of channels, slices and frames.
@@ -156,8 +198,7 @@ fn image_j(text: &str) -> Option<PageOrder> {
     if !text.starts_with("ImageJ=") {
         return None;
     }
-    let entry = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
-    let size = |key: &str| entry(key).and_then(|n| n.trim().parse().ok()).unwrap_or(1usize).max(1);
+    let size = |key: &str| entry(text, key).and_then(|n| n.trim().parse().ok()).unwrap_or(1usize).max(1);
     let axes = [('C', size("channels")), ('Z', size("slices")), ('T', size("frames"))];
     Some(PageOrder { axes, by: "ImageJ" })
 }

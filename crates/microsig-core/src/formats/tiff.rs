@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader, Seek, Write};
 
 use ::tiff::decoder::{Decoder, DecodingResult, ifd::Value};
 use ::tiff::encoder::{
-    Rational, TiffEncoder, TiffKindStandard,
+    Rational, TiffEncoder, TiffKind,
     colortype::{ColorType, Gray8, Gray16, Gray32Float},
 };
 use ::tiff::tags::{ResolutionUnit, Tag};
@@ -33,31 +33,46 @@ pub struct PixelScale {
 /// # Errors
 /// [`Error::Io`] if writing fails.
 pub fn write(writer: impl Write + Seek, image: &Image, scale: &PixelScale, name: &str) -> Result<(), Error> {
-    let written = match &image.counts {
-        Counts::Unrounded(counts) => encode::<Gray32Float>(writer, image, counts, scale),
-        Counts::Whole(counts) if image.bits > 8 => encode::<Gray16>(writer, image, counts, scale),
-        Counts::Whole(counts) => {
-            let counts: Vec<u8> = counts.iter().map(|&c| c.min(255) as u8).collect();
-            encode::<Gray8>(writer, image, &counts, scale)
-        }
-    };
+    let written = TiffEncoder::new(writer)
+        .and_then(|mut encoder| append(&mut encoder, image, scale, Some(&description(scale))));
     written.map_err(|e| Error::io(name, std::io::Error::other(e)))
 }
 
-fn encode<C: ColorType>(
-    writer: impl Write + Seek,
+/// Appends an image as a page, with the size of its pixels and a description.
+pub(super) fn append<W: Write + Seek, K: TiffKind>(
+    encoder: &mut TiffEncoder<W, K>,
+    image: &Image,
+    scale: &PixelScale,
+    description: Option<&str>,
+) -> TiffResult<()> {
+    match &image.counts {
+        Counts::Unrounded(counts) => encode::<Gray32Float, W, K>(encoder, image, counts, scale, description),
+        Counts::Whole(counts) if image.bits > 8 => {
+            encode::<Gray16, W, K>(encoder, image, counts, scale, description)
+        }
+        Counts::Whole(counts) => {
+            let counts: Vec<u8> = counts.iter().map(|&c| c.min(255) as u8).collect();
+            encode::<Gray8, W, K>(encoder, image, &counts, scale, description)
+        }
+    }
+}
+
+fn encode<C: ColorType, W: Write + Seek, K: TiffKind>(
+    encoder: &mut TiffEncoder<W, K>,
     image: &Image,
     counts: &[C::Inner],
     scale: &PixelScale,
+    description: Option<&str>,
 ) -> TiffResult<()>
 where
     [C::Inner]: ::tiff::encoder::TiffValue,
 {
-    let mut encoder = TiffEncoder::<_, TiffKindStandard>::new(writer)?;
-    let mut encoder = encoder.new_image::<C>(image.width, image.height)?;
-    encoder.resolution(ResolutionUnit::None, px_per_um(scale.um_per_px));
-    encoder.encoder().write_tag(Tag::ImageDescription, description(scale).as_str())?;
-    encoder.write_data(counts)
+    let mut page = encoder.new_image::<C>(image.width, image.height)?;
+    page.resolution(ResolutionUnit::None, px_per_um(scale.um_per_px));
+    if let Some(text) = description {
+        page.encoder().write_tag(Tag::ImageDescription, text)?;
+    }
+    page.write_data(counts)
 }
 
 /// The description as ImageJ writes it, with the first version of ImageJ that reads this form.

@@ -56,6 +56,8 @@ pub struct Conventions {
     pub um_per_px: Option<f64>,
     /// Smallest and largest depth, um.
     pub depth_um: Option<(f64, f64)>,
+    /// Width of the images, px.
+    pub width_px: Option<f64>,
     /// Height of the images, px.
     pub height_px: Option<f64>,
     /// Limits on the size of the file.
@@ -68,6 +70,7 @@ impl Conventions {
         Conventions {
             um_per_px: facts.um_per_px,
             depth_um: facts.depth_um,
+            width_px: facts.sensor_px.map(|s| s.0),
             height_px: facts.sensor_px.map(|s| s.1),
             ..self
         }

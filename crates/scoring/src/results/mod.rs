@@ -5,7 +5,7 @@
 //! header, the lengths of lines and tables are limited, and values must be finite and within plausible
 //! bounds.
 //!
-//! To add a format (DaVis, LPT/DA, OpenPTV and MyPTV are wanted), add a file to this folder and, in `mod.rs`,
+//! To add a format (OpenPTV and MyPTV are wanted), add a file to this folder and, in `mod.rs`,
 //! a variant of [`Format`] and its cases in [`detect`] and [`read`].
 
 mod canonical;
@@ -19,6 +19,7 @@ mod openpiv;
 mod pivlab;
 pub mod sheet;
 mod table;
+mod tecplot;
 mod text;
 mod trackmate;
 mod trackpy;
@@ -65,12 +66,16 @@ pub enum Format {
     Coco,
     /// napari's tracks as CSV.
     Napari,
+    /// Tecplot's text of the LPT and DA challenges.
+    LptDa,
     /// microsig's own CSV of a displacement field.
     Field,
     /// OpenPIV's text file.
     Openpiv,
     /// PIVlab's text file.
     Pivlab,
+    /// DaVis's text, its own or Tecplot's.
+    Davis,
     /// Middlebury's dense flow.
     Flo,
 }
@@ -78,7 +83,7 @@ pub enum Format {
 impl Format {
     /// Whether results in this format are displacement fields.
     pub fn is_field(self) -> bool {
-        matches!(self, Format::Field | Format::Openpiv | Format::Pivlab | Format::Flo)
+        matches!(self, Format::Field | Format::Openpiv | Format::Pivlab | Format::Davis | Format::Flo)
     }
 }
 
@@ -171,6 +176,8 @@ fn of_file(path: &Path, format: Format, given: &Conventions) -> Result<TrackerRe
         Format::Coco => TrackerResult::Points(coco::read(path, given)?),
         Format::Openpiv => TrackerResult::Field(openpiv::read(path, given)?),
         Format::Pivlab => TrackerResult::Field(pivlab::read(path, given)?),
+        Format::LptDa => TrackerResult::Points(tecplot::points(path, given)?),
+        Format::Davis => TrackerResult::Field(tecplot::field(path, given)?),
         Format::Flo => TrackerResult::Field(flo::read(path, given)?),
         _ => {
             let table = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
@@ -260,10 +267,13 @@ pub fn detect(path: &Path) -> Result<Format> {
         return Ok(Format::DefocustrackerAscii);
     }
     if first.trim_start().to_ascii_lowercase().starts_with("title") {
-        return match second.contains("PartID") {
-            true => later("LPT/DA"),
-            false => later_field("DaVis (Tecplot)"),
-        };
+        let names = text.to_ascii_lowercase();
+        let is_field =
+            names.contains("\"vx") || names.contains("velocity u") || names.contains("displacement");
+        return Ok(if is_field { Format::Davis } else { Format::LptDa });
+    }
+    if first.starts_with("#DaVis") {
+        return Ok(Format::Davis);
     }
     if first.starts_with('#') && first.contains('x') && first.contains('u') {
         return Ok(Format::Openpiv);

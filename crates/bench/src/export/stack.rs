@@ -1,0 +1,107 @@
+//! Export of frames and calibration stacks as one file with the scale of pixels, depth and time.
+
+use std::collections::BTreeMap;
+use std::io::{BufReader, Cursor};
+use std::path::Path;
+
+use dataset::manifest::{Manifest, TimingFacts};
+use dataset::{CalibrationRow, FrameRow, RecordingFacts, Row, read_rows};
+use microsig_core::formats::stack::{Stack, StackAxis, StackFormat, equal_step};
+use microsig_core::formats::tiff;
+use microsig_core::sensor::Image;
+use storage::error::{Error, Result};
+use storage::{input, outside_datasets, save};
+
+use super::{ExportFormat, ExportOptions, StackImages};
+
+/// Writes the stack; gives the number of its images.
+pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<usize> {
+    let manifest = Manifest::read(dataset)?;
+    let lacks = |what: &str| Error::input(format!("{}: the manifest lacks {what}", dataset.display()));
+    let um_per_px = RecordingFacts::read(dataset)?.um_per_px;
+    let um_per_px = um_per_px.ok_or_else(|| lacks("um_per_px, the size of a pixel"))?;
+    let bits = manifest.microsig.sensor.as_ref().ok_or_else(|| lacks("the sensor"))?.bit_depth;
+    let (images, axis) = match options.images {
+        StackImages::Frames => frames(dataset, &manifest)?,
+        StackImages::Calibration => calibration(dataset, options.stack.as_deref())?,
+    };
+    let n = axis.pages();
+    let format = match options.format {
+        ExportFormat::OmeTiff => StackFormat::Ome,
+        _ => StackFormat::ImageJ,
+    };
+    let stack = Stack { name: manifest.name, um_per_px, axis };
+    outside_datasets(&options.out)?;
+    let shown = options.out.display().to_string();
+    save(&options.out, |writer| {
+        stack.write(writer, format, &shown, |k| page(&dataset.join(&images[k]), bits))
+    })?;
+    Ok(n)
+}
+
+fn page(path: &Path, bits: u8) -> Result<Image> {
+    let (bytes, name) = (input::read(path)?, path.display().to_string());
+    let (width, height) = tiff::size(BufReader::new(Cursor::new(&bytes)), &name)?;
+    let counts = tiff::read_counts(Cursor::new(&bytes), &name, (width, height))?;
+    Ok(Image { width, height, bits, counts })
+}
+
+/// Paths of the frames, and their times, which are unknown in test splits.
+fn frames(dataset: &Path, manifest: &Manifest) -> Result<(Vec<String>, StackAxis)> {
+    let numbered = manifest.resources.iter().filter(|resource| resource.path.starts_with("images/"));
+    let numbered: BTreeMap<u32, &str> =
+        numbered.filter_map(|resource| Some((resource.frame?, resource.path.as_str()))).collect();
+    let images: Vec<String> = numbered.values().map(|path| (*path).to_owned()).collect();
+    if images.is_empty() {
+        return Err(Error::input(format!("{}: the manifest lists no frames", dataset.display())));
+    }
+    let at_s = dataset.join(FrameRow::PATH).exists().then(|| {
+        let rows = read_rows::<FrameRow>(dataset, &["frame", "t_s"])?;
+        let times: BTreeMap<u32, f64> = rows.into_iter().map(|row| (row.frame, row.t_s)).collect();
+        let at = numbered.keys().map(|frame| times.get(frame).copied().unwrap_or(f64::NAN));
+        Ok::<_, Error>(at.collect::<Vec<f64>>())
+    });
+    let at_s = at_s.transpose()?.filter(|times: &Vec<f64>| times.iter().all(|t_s| t_s.is_finite()));
+    let interval_s = match &at_s {
+        Some(at_s) => equal_step(at_s),
+        None => is_regular(&manifest.microsig.timing).then(|| manifest.microsig.timing.dt_s()).flatten(),
+    };
+    let axis = StackAxis::Time { pages: images.len(), at_s, interval_s };
+    Ok((images, axis))
+}
+
+/// Whether frames are equally far apart as far as the manifest tells.
+fn is_regular(timing: &TimingFacts) -> bool {
+    !timing.are_pairs() && !timing.are_bursts()
+}
+
+/// Paths and depths of the images of a calibration stack.
+fn calibration(dataset: &Path, wanted: Option<&str>) -> Result<(Vec<String>, StackAxis)> {
+    let path = dataset.join(CalibrationRow::PATH);
+    if !path.exists() {
+        return Err(Error::input(format!("{}: missing; this dataset has no calibration", path.display())));
+    }
+    let mut stacks: BTreeMap<String, Vec<(String, f64)>> = BTreeMap::new();
+    for row in read_rows::<CalibrationRow>(dataset, &["image", "z_um"])? {
+        let folder = row.image.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let name = folder.trim_start_matches("calibration/images").trim_start_matches('/').to_owned();
+        stacks.entry(name).or_default().push((row.image, row.z_um));
+    }
+    let names: Vec<&str> = stacks.keys().map(String::as_str).collect();
+    let stack = match (wanted, names.as_slice()) {
+        (None, [one]) => stacks.get(*one),
+        (Some(wanted), _) => stacks.get(wanted.trim_end_matches('/')),
+        (None, _) => None,
+    };
+    let stack = stack.ok_or_else(|| {
+        let found = match wanted {
+            Some(wanted) => format!("no stack {wanted:?}"),
+            None => format!("{} stacks", names.len()),
+        };
+        let of =
+            if names == [""] { "the only one, which needs no --stack".to_owned() } else { names.join(", ") };
+        Error::input(format!("{}: {found}; expected with --stack one of {of}", path.display()))
+    })?;
+    let (images, depths_um) = stack.iter().cloned().unzip();
+    Ok((images, StackAxis::Depth(depths_um)))
+}

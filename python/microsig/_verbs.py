@@ -1,0 +1,435 @@
+"""What the command does besides datasets and scores: fits, previews of optics, exports, challenges, checks."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _microsig, _scenario
+from ._arguments import LAST_SEED, flag, one_of, optional, real, whole
+from ._dataset import Calibration, Dataset
+from ._progress import Progress, shown
+from ._scenario import Scenario
+from ._table import Table
+
+_Path = str | os.PathLike[str]
+
+
+class Options:
+    """Options of a verb of the command by the names of the arguments of a Python function."""
+
+    def __init__(self, *verbs: str) -> None:
+        self._words = ["microsig", *verbs]
+        self._names: dict[str, str] = {}
+
+    def add(self, name: str, option: str, value: Any) -> Options:
+        """``--option value``, for the argument ``name``; nothing for None and False, one option for each of a list."""
+        self._names[option] = name
+        if value is True:
+            self._words.append(f"--{option}")
+        elif value is not None and value is not False:
+            for one in [value] if isinstance(value, (str, os.PathLike, int, float)) else value:
+                text = repr(float(one)) if isinstance(one, float) else os.fspath(one) if isinstance(one, os.PathLike) else str(one)
+                self._words.append(f"--{option}={text}")
+        return self
+
+    def call(self, *paths: _Path, progress: Progress = False, must_hold: bool = True) -> tuple[Any, str]:
+        """Runs the verb on these paths; gives its result and the same as text.
+
+        :param must_hold: whether a check that failed raises ValueError; otherwise it is a warning
+        """
+        words = [*self._words, "--", *(os.fspath(path) for path in paths)]
+        try:
+            result, text, warned, failed = _microsig.call(words, shown(progress))
+        except (ValueError, FileExistsError) as error:
+            raise type(error)(self._in_python(str(error))) from None
+        if failed and must_hold:
+            raise ValueError("\n".join(failed))
+        for warning in [*warned, *failed]:
+            warnings.warn(self._in_python(warning), stacklevel=3)
+        return (json.loads(result) if result else None), text
+
+    def _in_python(self, message: str) -> str:
+        """A message with the names of arguments in place of options, the longest first."""
+        for option in sorted(self._names, key=len, reverse=True):
+            message = message.replace(f"--{option}", self._names[option])
+        return message
+
+
+class Fit:
+    """The settings of a microscope, fitted to its calibration scan; made by :func:`fit`."""
+
+    def __init__(self, result: dict[str, Any], text: str, folder: Path, place: Any) -> None:
+        """Use :func:`fit`."""
+        self._result, self._text, self._folder, self._place = result, text, folder, place
+
+    @property
+    def parameters(self) -> Table:
+        """One row per quantity: ``name``, ``unit``, ``value``, ``sd``, ``low_95``, ``high_95`` (95 % interval), ``free``
+        (1 if it was fitted); of a fit of a field ``name``, ``unit``, ``value``, ``sd``."""
+        rows = self._result.get("parameters") or self._result.get("coefficients") or []
+        names = {"name": "name", "key": "name", "unit": "unit", "value": "value", "sd": "sd"}
+        names |= {"low_95": "low_95", "high_95": "high_95", "free": "free"}
+        columns = {names[key]: np.array([row[key] for row in rows]) for key in (rows[0] if rows else {}) if key in names}
+        return Table({c: a.astype(np.int64) if a.dtype == bool else a for c, a in columns.items()}, name="parameters of a fit")
+
+    def __getitem__(self, name: str) -> float:
+        """The value of a parameter, such as ``fit["numerical_aperture"]``."""
+        table = self.parameters
+        found = np.flatnonzero(table["name"] == name)
+        if len(found) == 0:
+            raise KeyError(f"no parameter {name}; there are {', '.join(table['name'])}")
+        return float(table["value"][found[0]])
+
+    @property
+    def scenario(self) -> Path:
+        """The file of a scenario of the fitted microscope, for :func:`generate`: its digital twin."""
+        return self._folder / "scenario.ron"
+
+    @property
+    def settings_text(self) -> str:
+        """MicroSIG's settings file of the fitted microscope, for :func:`render`."""
+        return (self._folder / "settings.txt").read_text(encoding="utf-8")
+
+    @property
+    def path(self) -> Path:
+        """The folder with report, settings, scenario and images of the model; temporary unless ``out`` was given."""
+        return self._folder
+
+    def to_dict(self) -> dict[str, Any]:
+        """The whole result, as in ``fit.json`` or ``field.json``."""
+        return self._result
+
+    def __repr__(self) -> str:
+        return self._text
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<pre>{escape(self._text)}</pre>"
+
+
+def _scan(scan: Any, folder: Path, um_per_px: float, z: Any) -> tuple[Path, Path | None]:
+    """A scan as files: images and, unless they have them, stage positions."""
+    if isinstance(scan, Calibration):
+        if scan.d_um is not None and len(np.unique(scan.d_um)) > 1:
+            raise ValueError("scan: of several sizes of particles; expected one, as calibration.of_size(d_um)")
+        scan, z = scan.images, scan.z_um if z is None else z
+    if isinstance(scan, (str, os.PathLike)):
+        path = Path(scan)
+    else:
+        images = _images("scan", scan)
+        if z is None or isinstance(z, (str, os.PathLike)):
+            depths = np.arange(len(images), dtype=float)
+        else:
+            depths = np.asarray(z, dtype=float)
+        path = folder / "scan.tif"
+        _microsig.write_stack(path, images, um_per_px, depths.tolist(), False, "scan")
+    if z is None or isinstance(z, (str, os.PathLike)):
+        return path, None if z is None else Path(z)
+    table = folder / "z.csv"
+    rows = "".join(f"{page},{float(depth)!r}\n" for page, depth in enumerate(np.asarray(z, dtype=float)))
+    table.write_text("page,z_um\n" + rows, encoding="utf-8")
+    return path, table
+
+
+def _images(name: str, images: Any) -> NDArray[Any]:
+    array = np.asarray(images)
+    if array.ndim != 3 or array.dtype not in (np.uint8, np.uint16, np.float32):
+        raise ValueError(f"{name} of shape {array.shape} and type {array.dtype}: expected uint8, uint16 or float32 (steps, rows, columns)")
+    return np.ascontiguousarray(array.astype(np.uint16) if array.dtype == np.uint8 else array)
+
+
+def fit(
+    scan: _Path | Calibration | ArrayLike,
+    out: _Path | None = None,
+    *,
+    magnification: float,
+    pixel_size_um: float,
+    z: _Path | ArrayLike | None = None,
+    z_step_um: float | None = None,
+    z_direction: Literal["auto", "away", "toward"] = "auto",
+    depth_factor: float = 1.0,
+    medium: float = 1.0,
+    diameter_um: float | None = None,
+    particles: _Path | None = None,
+    astigmatic: Literal["auto", "yes", "no"] = "auto",
+    flux: Literal["free", "model"] = "free",
+    free: Sequence[str] = (),
+    model: Literal["geometric", "waves"] = "geometric",
+    wavelength_um: float | None = None,
+    emission: Literal["surface", "volume"] = "surface",
+    lens: Literal["aplanatic", "microsig"] = "aplanatic",
+    fluid: float | None = None,
+    fluid_depth_um: float | None = None,
+    field: bool = False,
+    planes: tuple[int, int] | None = None,
+    window_px: int | None = None,
+    bootstrap: int = 0,
+    seed: int = 0,
+    force: bool = False,
+    progress: Progress = False,
+) -> Fit:
+    """Fit the settings of a microscope to its calibration scan, as ``microsig fit`` does (docs/twin.md).
+
+    >>> fitted = ms.fit("scan.tif", z_step_um=2, magnification=10, pixel_size_um=6.45)   # doctest: +SKIP
+    >>> fitted["numerical_aperture"], ms.generate(fitted.scenario)                       # doctest: +SKIP
+
+    :param scan: a TIFF file of pages (ImageJ's and OME's state their z step), a folder of TIFF files, the
+        :attr:`Dataset.calibration` of a dataset, or an array (steps, rows, columns) of uint8 or uint16 counts
+    :param out: folder for report, settings, scenario and images of the model; by default a temporary one, which is removed
+        with the result
+    :param magnification: magnification of the microscope
+    :param pixel_size_um: edge of a pixel on the sensor, um
+    :param z: stage positions: a CSV file with ``page`` (from 0) or ``image``, and ``z_um``; or an array (steps,), um
+    :param z_step_um: step of the stage between planes, um, instead of ``z``
+    :param z_direction: whether stage positions increase away from the lens or toward it
+    :param depth_factor: physical depth over depth in the model
+    :param medium: refractive index of the medium in the model
+    :param diameter_um: particle diameter, um; fitted if None
+    :param particles: CSV file with ``x_px`` and ``y_px`` of the particles to use; detected if None
+    :param astigmatic: whether the microscope has a cylindrical lens
+    :param flux: brightness of each plane: fitted, or as the model predicts
+    :param free: additional quantities to fit
+    :param model: rays, or diffraction (``waves``, with ``wavelength_um``)
+    :param wavelength_um: wavelength in vacuum, um
+    :param emission: the part of a particle that emits light, with ``waves``
+    :param lens: the objective, with ``waves``
+    :param fluid: refractive index of the fluid below a cover slip of 0.17 mm, with ``waves``
+    :param fluid_depth_um: depth of the plane in focus below the cover slip, um, from which the fit starts, with ``fluid``
+    :param field: fit how the optics vary over the field of view, with ``waves`` and ``diameter_um``
+    :param planes: first and last plane to use, counted from 0
+    :param window_px: width of the window around each particle, 7 to 129 px; from the images if None
+    :param bootstrap: number of resamples of the particles for a second estimate of standard deviations
+    :param seed: seed of the resamples, 0 to 2^64 - 1
+    :param force: replace the files of an earlier fit in ``out``
+    :param progress: True, a callable of (what, done, total), or tqdm
+    :returns: the fit; a model that does not describe the scan is a warning
+    :raises ValueError: a scan or an option that cannot be used, with value and range
+    :raises FileExistsError: ``out`` exists
+    :raises OSError: a file cannot be read or written
+    """
+    magnification = real("magnification", magnification)
+    pixel_size_um = real("pixel_size_um", pixel_size_um)
+    place = tempfile.TemporaryDirectory(prefix="microsig-")
+    um_per_px = pixel_size_um / magnification if magnification > 0 else 1.0
+    images, positions = _scan(scan, Path(place.name), um_per_px, z)
+    folder = Path(place.name) / "fit" if out is None else Path(out)
+    if positions is not None and z_step_um is not None:
+        raise ValueError("z and z_step_um: expected one of them")
+    text = None if planes is None else "{}-{}".format(*(whole("planes", plane) for plane in planes))
+    options = (
+        Options("fit")
+        .add("magnification", "magnification", magnification)
+        .add("pixel_size_um", "pixel-size", pixel_size_um)
+        .add("z", "z", positions)
+        .add("z_step_um", "z-step", optional(real, "z_step_um", z_step_um))
+        .add("z_direction", "z-direction", one_of("z_direction", z_direction, ("auto", "away", "toward")))
+        .add("depth_factor", "depth-factor", real("depth_factor", depth_factor))
+        .add("medium", "medium", real("medium", medium))
+        .add("diameter_um", "diameter", optional(real, "diameter_um", diameter_um))
+        .add("particles", "particles", particles)
+        .add("astigmatic", "astigmatic", one_of("astigmatic", astigmatic, ("auto", "yes", "no")))
+        .add("flux", "flux", one_of("flux", flux, ("free", "model")))
+        .add("free", "free", ",".join(map(str, free)) or None)
+        .add("model", "model", one_of("model", model, ("geometric", "waves")))
+        .add("wavelength_um", "wavelength", optional(real, "wavelength_um", wavelength_um))
+        .add("emission", "emission", one_of("emission", emission, ("surface", "volume")))
+        .add("lens", "lens", one_of("lens", lens, ("aplanatic", "microsig")))
+        .add("fluid", "fluid", optional(real, "fluid", fluid))
+        .add("fluid_depth_um", "fluid-depth", optional(real, "fluid_depth_um", fluid_depth_um))
+        .add("field", "field", flag("field", field))
+        .add("planes", "planes", text)
+        .add("window_px", "window", optional(whole, "window_px", window_px))
+        .add("bootstrap", "bootstrap", whole("bootstrap", bootstrap))
+        .add("seed", "seed", whole("seed", seed, 0, LAST_SEED))
+        .add("force", "force", flag("force", force))
+        .add("out", "out", folder)
+    )
+    result, told = options.call(images, progress=progress, must_hold=False)
+    return Fit(result, told, folder, place if out is None else None)
+
+
+class Optics:
+    """Predicted particle images of a scenario's optics over depth; made by :func:`optics`."""
+
+    def __init__(self, result: dict[str, Any], text: str, svg: str) -> None:
+        """Use :func:`optics`."""
+        self._result, self._text = result, text
+        #: A particle of each size over depth, with curves of peak and size, as SVG.
+        self.svg = svg
+
+    @property
+    def sizes_um(self) -> NDArray[np.float64]:
+        """float64 (sizes,): diameters of the particles, um."""
+        return np.array([size["d_um"] for size in self._result["sizes"]], dtype=np.float64)
+
+    def curves(self, d_um: float | None = None) -> Table:
+        """Images of one size over depth: ``z_um``, ``peak_counts``, ``snr`` (NaN without noise), ``width_px``, ...
+
+        :param d_um: the size nearest to this diameter, um; by default the first
+        """
+        sizes = self.sizes_um
+        at = 0 if d_um is None else int(np.argmin(np.abs(sizes - real("d_um", d_um))))
+        depths = self._result["sizes"][at]["depths"]
+        columns = {
+            name: np.array([np.nan if row[name] is None else row[name] for row in depths], dtype=np.float64)
+            for name in (depths[0] if depths else {})
+        }
+        return Table(columns, name=f"images of {sizes[at]:g} um particles over depth")
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, as ``microsig optics --json`` prints them."""
+        return self._result
+
+    def __getitem__(self, name: str) -> Any:
+        """One of them, such as ``optics["depth_of_field_um"]``."""
+        return self._result[name]
+
+    def __repr__(self) -> str:
+        return self._text
+
+    def _repr_svg_(self) -> str:
+        return self.svg
+
+
+def optics(scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None) -> Optics:
+    """Predict particle images of a scenario's optics over depth, as ``microsig optics`` does: focus, size, light.
+
+    Arguments and errors are those of :func:`generate`; doubts about the optics are warnings.
+    """
+    result, text, svg, warned = _microsig.optics(_scenario.text(scenario, seed, set))
+    for warning in warned:
+        warnings.warn(warning, stacklevel=2)
+    return Optics(json.loads(result), text, svg)
+
+
+def _folder(dataset: Dataset | _Path) -> Path:
+    return dataset._source.folder() if isinstance(dataset, Dataset) else Path(dataset)
+
+
+def export(
+    dataset: Dataset | _Path,
+    out: _Path,
+    *,
+    format: str,
+    images: Literal["frames", "calibration"] = "frames",
+    stack: str | None = None,
+    pair: int | None = None,
+    displacement: Literal["central", "forward", "weighted"] = "central",
+    force: bool = False,
+) -> Path:
+    """Write the truth or the images of a dataset in the format of another program, as ``microsig export`` does.
+
+    :param dataset: a dataset or its folder
+    :param out: the new file
+    :param format: ``trackpy``, ``napari``, ``isbi``, ``coco``, ``openpiv``, ..., or ``ome-tiff`` and ``imagej-stack`` for images
+    :param images: images of a stack: the frames over time, or a calibration stack over depth
+    :param stack: folder below ``calibration/images``, such as ``d_2um``, if there are several calibration stacks
+    :param pair: image pair of a field that changes with time
+    :param displacement: definition of the displacement field
+    :param force: replace an existing file
+    :returns: the file
+    :raises ValueError: a dataset without what the format needs, or an unknown format
+    :raises FileExistsError: the file exists
+    :raises OSError: a file cannot be read or written
+    """
+    options = (
+        Options("export")
+        .add("format", "format", str(format))
+        .add("images", "images", one_of("images", images, ("frames", "calibration")))
+        .add("stack", "stack", None if stack is None else str(stack))
+        .add("pair", "pair", optional(whole, "pair", pair))
+        .add("displacement", "displacement", one_of("displacement", displacement, ("central", "forward", "weighted")))
+        .add("force", "force", flag("force", force))
+        .add("out", "out", Path(out))
+    )
+    options.call(_folder(dataset))
+    return Path(out)
+
+
+def release(
+    dataset: Dataset | _Path,
+    out: _Path,
+    *,
+    val: int | None = None,
+    test: int | None = None,
+    test_set: Mapping[str, Any] | None = None,
+    exact_times: bool = False,
+    fields: bool = False,
+    codabench: bool = False,
+    wheel: _Path | None = None,
+    title: str | None = None,
+    creators: Iterable[str] = (),
+    version: str = "1.0.0",
+    resume: bool = False,
+    force: bool = False,
+    new_keys: bool = False,
+    progress: Progress = False,
+) -> dict[str, Any]:
+    """Make a challenge from a dataset: a public package and the withheld truth, as ``microsig release`` does (docs/challenge.md).
+
+    :param dataset: a dataset or its folder; it becomes the train split
+    :param out: the new folder
+    :param val: pairs or frames of the validation split, by default as many as the dataset has
+    :param test: the same of the test split
+    :param test_set: values of motion or particles in the test split by path, such as ``{"particles.number.count": 40}``
+    :param exact_times: publish the exact times of the test split's frames
+    :param fields: score displacement fields instead of particles
+    :param codabench: also write a bundle for the platform Codabench
+    :param wheel: wheel of microsig for its scoring program
+    :param title: title of the challenge
+    :param creators: authors, as ``Family, Given`` or names of groups
+    :param version: version of the challenge
+    :param resume: leave a finished challenge of this dataset unchanged
+    :param force: with ``new_keys``, replace a challenge
+    :param new_keys: draw a new secret key, which invalidates everything published of an earlier challenge
+    :param progress: True, a callable of (what, done, total), or tqdm
+    :returns: ``out``, ``name``, ``images`` of train, val and test, ``commitment``, ``scored``, ...
+    :raises ValueError: a dataset that does not verify or whose truth cannot be hidden
+    :raises FileExistsError: the folder exists
+    :raises OSError: a file cannot be read or written
+    """
+    values = [f"{path}={_scenario._value(value)}" for path, value in (test_set or {}).items()]
+    options = (
+        Options("release")
+        .add("val", "val", optional(whole, "val", val))
+        .add("test", "test", optional(whole, "test", test))
+        .add("test_set", "test-set", values)
+        .add("exact_times", "exact-times", flag("exact_times", exact_times))
+        .add("fields", "fields", flag("fields", fields))
+        .add("codabench", "codabench", flag("codabench", codabench))
+        .add("wheel", "wheel", wheel)
+        .add("title", "title", title)
+        .add("creators", "creator", [str(name) for name in creators])
+        .add("version", "release-version", str(version))
+        .add("resume", "resume", flag("resume", resume))
+        .add("force", "force", flag("force", force))
+        .add("new_keys", "new-keys", flag("new_keys", new_keys))
+        .add("out", "out", Path(out))
+    )
+    result: dict[str, Any] = options.call(_folder(dataset), progress=progress)[0]
+    return result
+
+
+def verify(dataset: Dataset | _Path, *, regenerate: bool = False, progress: Progress = False) -> dict[str, Any]:
+    """Check that a dataset is complete and unchanged, as ``microsig verify`` does: checksums, manifest, tables.
+
+    :param dataset: a dataset or its folder
+    :param regenerate: also generate it again from its scenario and compare all bytes
+    :param progress: True, a callable of (what, done, total), or tqdm
+    :returns: ``files``, ``bytes`` and ``regenerated``
+    :raises ValueError: not a dataset, or checks that failed, all of them
+    :raises OSError: a file cannot be read
+    """
+    options = Options("verify").add("regenerate", "regenerate", flag("regenerate", regenerate))
+    result: dict[str, Any] = options.call(_folder(dataset), progress=progress)[0]
+    return result

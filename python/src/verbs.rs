@@ -1,0 +1,94 @@
+//! Verbs of the command for Python: their options are checked, and their results described, by the command's
+//! own code, in this process.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use bench::cli::Cli;
+use generator::preview::{Preview, svg, text};
+use microsig_core::formats::stack::{Stack, StackAxis, StackFormat};
+use microsig_core::sensor::{Counts, Image};
+use numpy::PyReadonlyArray3;
+use pyo3::prelude::*;
+
+use crate::dataset::ScenarioText;
+use crate::run::{OnInterrupt, Show, run};
+
+/// Runs a verb; `arguments` begin with the program's name. Gives its result as JSON (empty if it has none)
+/// and as text, warnings, and the checks that failed.
+#[pyfunction]
+fn call(
+    py: Python<'_>,
+    arguments: Vec<OsString>,
+    show: Show<'_>,
+) -> PyResult<(String, String, Vec<String>, Vec<String>)> {
+    let answer = run(py, show, OnInterrupt::Wait, move |progress| Cli::call(&arguments, progress.clone()))?;
+    Ok((answer.json, answer.text, answer.warnings, answer.failures))
+}
+
+/// The particle images of a scenario's optics over depth: as JSON, as text, as a picture (SVG); warnings.
+#[pyfunction]
+fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(String, String, String, Vec<String>)> {
+    run(py, false, OnInterrupt::Wait, move |_| {
+        let scenario = of.resolve()?;
+        let preview = Preview::of(&scenario)?;
+        let json = serde_json::to_string(&preview).map_err(|e| storage::Error::input(e.to_string()))?;
+        let warnings = scenario.warnings.iter().map(ToString::to_string);
+        let warnings = warnings.chain(preview.warnings.iter().cloned()).collect();
+        Ok((json, text(&preview), svg(&preview)?, warnings))
+    })
+}
+
+/// Writes images (uint16 or float32) at equally or unequally spaced depths (um) as the pages of a TIFF file.
+#[pyfunction]
+fn write_stack(
+    py: Python<'_>,
+    path: PathBuf,
+    images: Images<'_>,
+    um_per_px: f64,
+    depths_um: Vec<f64>,
+    ome: bool,
+    name: String,
+) -> PyResult<()> {
+    let (counts, [pages, rows, columns]) = match images {
+        Images::Whole(of) => (Counts::Whole(of.as_array().iter().copied().collect()), shape(&of)),
+        Images::Unrounded(of) => (Counts::Unrounded(of.as_array().iter().copied().collect()), shape(&of)),
+    };
+    run(py, false, OnInterrupt::Leave, move |_| {
+        if pages != depths_um.len() {
+            let message =
+                format!("{pages} images and {} depths: expected one depth per image", depths_um.len());
+            return Err(storage::Error::input(message));
+        }
+        let (pixels, shown) = (rows * columns, path.display().to_string());
+        let bits = if matches!(counts, Counts::Whole(_)) { 16 } else { Image::FLOAT_BITS };
+        let page = |k: usize| {
+            let counts = match &counts {
+                Counts::Whole(all) => Counts::Whole(all[k * pixels..][..pixels].to_vec()),
+                Counts::Unrounded(all) => Counts::Unrounded(all[k * pixels..][..pixels].to_vec()),
+            };
+            Ok::<_, storage::Error>(Image { width: columns as u32, height: rows as u32, bits, counts })
+        };
+        let stack = Stack { name, um_per_px, axis: StackAxis::Depth(depths_um) };
+        let format = if ome { StackFormat::Ome } else { StackFormat::ImageJ };
+        storage::save(&path, |writer| stack.write(writer, format, &shown, page))
+    })
+}
+
+/// Images as an array.
+#[derive(FromPyObject)]
+enum Images<'py> {
+    Whole(PyReadonlyArray3<'py, u16>),
+    Unrounded(PyReadonlyArray3<'py, f32>),
+}
+
+fn shape<T: numpy::Element>(of: &PyReadonlyArray3<'_, T>) -> [usize; 3] {
+    let (pages, rows, columns) = of.as_array().dim();
+    [pages, rows, columns]
+}
+
+pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(call, module)?)?;
+    module.add_function(wrap_pyfunction!(optics, module)?)?;
+    module.add_function(wrap_pyfunction!(write_stack, module)?)
+}
