@@ -80,9 +80,10 @@ fn links(score: &Score) -> usize {
 }
 
 /// The score without what a few rows decide. In bins of depth, and by uncertainties that a result claims, one
-/// submission could ask about many particles at once. Errors of velocity have no upper limit: velocities that are
-/// wrong by 1, 2, 4, ... would be weights, and the RMS error would tell which of many moved rows are matched.
-/// HOTA at each threshold is a score at another gate.
+/// submission could ask about many particles at once; the mean score of claims (CRPS) is limited to the gate
+/// for each particle, as errors are. Errors of velocity have no upper limit: velocities that are wrong by 1,
+/// 2, 4, ... would be weights, and the RMS error would tell which of many moved rows are matched. HOTA at each
+/// threshold is a score at another gate.
 fn without_details(score: &Score) -> Score {
     let mut score = Score { curves: Vec::new(), gates: Vec::new(), uncertainty: None, ..score.clone() };
     if let Some(orientation) = score.orientation.as_mut().filter(|orientation| orientation.n < FEWEST) {
@@ -213,6 +214,7 @@ fn rounded(exact: f64, least: f64) -> f64 {
 mod tests {
     use super::*;
     use scoring::evaluate::PositionUncertainty;
+    use scoring::evaluate::crps::Crps;
     use scoring::evaluate::curves::{Bin, Curve};
     use scoring::evaluate::hota::Hota;
     use scoring::evaluate::links::Links;
@@ -223,9 +225,11 @@ mod tests {
     #[test]
     fn what_a_few_rows_decide_is_withheld() {
         let claimed = Uncertainty { n: 400, coverage_1s: Some(0.995), ..Uncertainty::default() };
+        let mean = Crps { n: 500, xy_px: Some(0.123_456), ..Crps::default() };
         let curve = Curve { against: "z_um".to_owned(), bins: vec![Bin { tp: 400, ..Bin::default() }] };
         let kept = without_details(&Score {
             uncertainty: Some(PositionUncertainty { x: Some(claimed), ..PositionUncertainty::default() }),
+            crps: Some(mean),
             curves: vec![curve],
             orientation: Some(Orientation {
                 n: 1,
@@ -241,9 +245,12 @@ mod tests {
             ..Score::default()
         });
         assert!(kept.uncertainty.is_none() && kept.curves.is_empty());
+        let crps = serde_json::to_value(kept.crps).unwrap();
         assert_eq!(kept.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
         assert_eq!(kept.lpt.unwrap().motion, Motion::default());
         let rounding = Rounding { n: 400, links: 20, gate: (2.0, 10.0) };
+        // A particle changes the mean of 500 by at most 2 px / 500.
+        assert_eq!(rounding.of("crps", crps)["xy_px"], 0.125);
         assert_eq!(
             rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.17 }))["displacement_bias_x_px"],
             0.2

@@ -198,6 +198,9 @@ fn particles(out: &mut String, score: &Score) {
     if let Some(claims) = &score.uncertainty {
         let axes = [("x", &claims.x), ("y", &claims.y), ("z", &claims.z)];
         axes.iter().for_each(|(axis, of)| claimed(out, &format!("claims {axis}"), of.as_ref()));
+        if let Some(c) = &score.crps {
+            line(out, "CRPS", &format!("xy {} px  z {} um, mean over all particles", n(c.xy_px), n(c.z_um)));
+        }
     }
 }
 

@@ -145,6 +145,11 @@ pub enum Metric {
     RmseXyPx,
     /// `gdpt.sigma_z_over_h`: RMS error of depth over the depth range.
     SigmaZOverH,
+    /// `crps.xy_px`: positions x and y with their claimed uncertainties; missed particles and ghosts count as the
+    /// gate.
+    CrpsXyPx,
+    /// `crps.z_um`: the same for z.
+    CrpsZUm,
     /// `links.f1`.
     LinkF1,
     /// `hota.hota`.
@@ -178,12 +183,14 @@ pub enum Metric {
 
 impl Metric {
     /// All metrics.
-    pub const ALL: [Metric; 18] = [
+    pub const ALL: [Metric; 20] = [
         Metric::F1,
         Metric::Recall,
         Metric::Precision,
         Metric::RmseXyPx,
         Metric::SigmaZOverH,
+        Metric::CrpsXyPx,
+        Metric::CrpsZUm,
         Metric::LinkF1,
         Metric::Hota,
         Metric::IsbiBeta,
@@ -220,6 +227,8 @@ impl Metric {
             Metric::Precision => "precision",
             Metric::RmseXyPx => "rmse_xy_px",
             Metric::SigmaZOverH => "sigma_z_over_h",
+            Metric::CrpsXyPx => "crps_xy_px",
+            Metric::CrpsZUm => "crps_z_um",
             Metric::LinkF1 => "link_f1",
             Metric::Hota => "hota",
             Metric::IsbiBeta => "isbi_beta",

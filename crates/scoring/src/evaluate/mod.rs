@@ -10,6 +10,7 @@ pub mod candidates;
 pub mod clear;
 pub mod convention_check;
 pub mod crlb;
+pub mod crps;
 pub mod ctc;
 pub mod curves;
 pub mod detection;
@@ -235,6 +236,10 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let orientation = orientation::Orientation::of((t, r), axes, (&matching, &ambiguous), bootstrap);
     let (orientation, angles) = orientation.unzip();
     units.angles = angles.map(|angles| divided.angles(&angles, &units.detection)).unwrap_or_default();
+    let z_um = if gate.z_um.is_finite() { Some(gate.z_um) } else { h.map(|h| ScoringGates::over(h).z_um) };
+    let gates = (gate.xy_px, z_um.filter(|_| depth));
+    let (crps, counted) = crps::Crps::of((t, r), &points.sigma, (&matching, &ambiguous), gates, bootstrap);
+    units.crps = divided.crps(&counted, gates, &units.detection);
     let isbi_2d = match isbi.dims {
         3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), bootstrap)?),
         _ => None,
@@ -266,6 +271,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         ctc: Some(ctc::Ctc::of(t, r, &matching)),
         gdpt: gdpt.transpose()?,
         uncertainty: claims(points, (t, r), &matching, depth),
+        crps: Some(crps),
         orientation,
         lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, bootstrap)),
         curves: curves::curves(truth, (t, r), &matching, depth),

@@ -11,8 +11,8 @@ use super::gate::Gate;
 use super::hint::Hint;
 use super::uncertainty::Uncertainty;
 use super::{
-    boxes, clear, crlb, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt, orientation,
-    planes,
+    boxes, clear, crlb, crps, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt,
+    orientation, planes,
 };
 
 /// All scores of a result.
@@ -45,6 +45,8 @@ pub struct Score {
     pub gdpt: Option<gdpt::Gdpt>,
     /// Calibration of claimed uncertainties of positions.
     pub uncertainty: Option<PositionUncertainty>,
+    /// Positions with their claimed uncertainties, by a proper scoring rule (CRPS); null for fields.
+    pub crps: Option<crps::Crps>,
     /// Scores of Lagrangian particle tracking.
     pub lpt: Option<lpt::Lpt>,
     /// Boxes of a detector; null without boxes in result and truth.

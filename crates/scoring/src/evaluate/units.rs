@@ -16,6 +16,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::candidates::Candidates;
+use super::crps::Counted;
 use super::detection::error;
 use super::hota;
 use super::links::{correct_links, successors};
@@ -44,6 +45,8 @@ pub struct UnitScores {
     pub(crate) isbi: Vec<[f64; 3]>,
     /// True spheroids and ghosts, and the sum of the angles between true and found axes, degrees.
     pub(crate) angles: Vec<[f64; 2]>,
+    /// True particles and ghosts, and the sums of their CRPS of x and y, px, and of z, um.
+    pub(crate) crps: Vec<[f64; 3]>,
     /// Reference nodes of fields: number, covered, valid, squared errors, d · d_true, d_true².
     pub(crate) nodes: Vec<[f64; 6]>,
     /// Unit of every true particle.
@@ -67,6 +70,7 @@ impl UnitScores {
     pub fn is_sound(&self) -> bool {
         let flat = [&self.detection, &self.links, &self.isbi].into_iter().flatten().flatten();
         let more = self.angles.iter().flatten().chain(self.nodes.iter().flatten()).chain(&self.beside);
+        let more = more.chain(self.crps.iter().flatten());
         let mut sums = flat.chain(more).chain(self.hota.iter().flatten());
         let mut errors = [&self.xy, &self.z, &self.velocity].into_iter().flatten();
         let units = self.detection.len();
@@ -229,6 +233,22 @@ impl Divided<'_> {
         for (i, angle) in of_truth.iter().enumerate() {
             let unit = &mut sums[self.unit_of(i)];
             angle.iter().for_each(|angle| (unit[0], unit[1]) = (unit[0] + 1.0, unit[1] + angle));
+        }
+        sums
+    }
+
+    /// Sums of the CRPS of true particles and of the ghosts of each unit in `detection`, which count with the
+    /// gates.
+    pub(super) fn crps(
+        &self,
+        of_truth: &[Counted],
+        gates: (f64, Option<f64>),
+        detection: &[[f64; 3]],
+    ) -> Vec<[f64; 3]> {
+        let of_ghosts = |[_, _, n]: &[f64; 3]| [*n, n * gates.0, n * gates.1.unwrap_or(0.0)];
+        let mut sums: Vec<[f64; 3]> = detection.iter().map(of_ghosts).collect();
+        for (i, [xy, z]) in of_truth.iter().enumerate() {
+            sums[self.unit_of(i)].iter_mut().zip([1.0, *xy, *z]).for_each(|(sum, new)| *sum += new);
         }
         sums
     }

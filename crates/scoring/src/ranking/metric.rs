@@ -86,7 +86,7 @@ const fn def(
 use Better::{Greater, NearOne, Smaller};
 
 /// All scores of tables and rankings.
-pub static SCORES: [ScoreDef; 22] = [
+pub static SCORES: [ScoreDef; 24] = [
     def(("detection.f1", "F1", ""), Greater, (Some(Metric::F1), true), |s| {
         s.detection.as_ref().map(|d| (d.f1, d.interval.f1))
     }),
@@ -104,6 +104,12 @@ pub static SCORES: [ScoreDef; 22] = [
     }),
     def(("gdpt.sigma_z_over_h", "sigma z / h", ""), Smaller, (Some(Metric::SigmaZOverH), true), |s| {
         s.gdpt.as_ref().map(|g| (g.sigma_z_over_h, g.interval.sigma_z_over_h))
+    }),
+    def(("crps.xy_px", "CRPS xy", "px"), Smaller, (Some(Metric::CrpsXyPx), false), |s| {
+        s.crps.as_ref().map(|c| (c.xy_px, c.interval_xy_px))
+    }),
+    def(("crps.z_um", "CRPS z", "um"), Smaller, (Some(Metric::CrpsZUm), false), |s| {
+        s.crps.as_ref().map(|c| (c.z_um, c.interval_z_um))
     }),
     def(("links.f1", "link F1", ""), Greater, (Some(Metric::LinkF1), true), |s| {
         s.links.as_ref().map(|l| (l.f1, l.interval_f1))

@@ -116,6 +116,8 @@ impl<'a> Paired<'a> {
             Metric::IsbiBeta => {
                 resampled(&units.isbi, draws, |[gain, length, others]| of(ratio(gain, length + others)))
             }
+            Metric::CrpsXyPx => resampled(&units.crps, draws, |[n, xy, _]| of(ratio(xy, n))),
+            Metric::CrpsZUm => resampled(&units.crps, draws, |[n, _, z]| of(ratio(z, n))),
             Metric::AngleMeanAllDeg => resampled(&units.angles, draws, |[n, sum]| of(ratio(sum, n))),
             Metric::ValidNodes => resampled(&units.nodes, draws, |[n, _, valid, ..]| of(ratio(valid, n))),
             Metric::RmsNodesPx => {

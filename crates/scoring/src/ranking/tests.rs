@@ -218,11 +218,81 @@ fn axes_of_ghosts_and_a_constant_axis_gain_nothing() {
     assert!(is_behind(&own, &Points { axes: random, ..own.clone() }, &S));
 }
 
+/// A tracker that knows its uncertainties: errors uniform within sqrt(3) U, half of the particles with an eighth of
+/// the U of the others.
+fn claiming() -> Points {
+    let mut own = without(&Points { rows: rows(), has_z: true, ..Points::default() }, |row| {
+        chance(3, row.frame * 100 + row.track as u32) < 1.0 / 12.0
+    });
+    for (i, row) in own.rows.iter_mut().enumerate() {
+        let u = if row.track % 2 == 0 { 0.3 } else { 0.04 };
+        let error = |seed: u32| 3f64.sqrt() * u * (2.0 * chance(seed, i as u32) - 1.0);
+        let [x_px, y_px, z_um] =
+            [row.at.x_px + error(21), row.at.y_px + error(22), row.at.z_um + 5.0 * error(23)];
+        row.at = Position { x_px, y_px, z_um };
+        own.sigma.push([u, u, 5.0 * u]);
+    }
+    own
+}
+
+fn with_claims(points: &Points, claim: impl Fn(f64) -> f64) -> Points {
+    Points { sigma: points.sigma.iter().map(|of| of.map(&claim)).collect(), ..points.clone() }
+}
+
+const CLAIMS: [Metric; 2] = [Metric::CrpsXyPx, Metric::CrpsZUm];
+
+#[test]
+fn claims_that_are_too_large_or_too_small_are_behind_true_ones() {
+    let own = claiming();
+    for metric in CLAIMS {
+        for factor in [3.0, 1.0 / 3.0, 1e6, 1e-6, 0.0] {
+            assert!(is_behind(&own, &with_claims(&own, |u| factor * u), &[metric]), "{metric:?} {factor}");
+        }
+        // The best constant claim, and none.
+        let rms = |of: fn(&[f64; 3]) -> f64| {
+            (own.sigma.iter().map(|s| of(s) * of(s)).sum::<f64>() / own.sigma.len() as f64).sqrt()
+        };
+        let [xy, z] = [rms(|s| s[0]), rms(|s| s[2])];
+        let constant = Points { sigma: vec![[xy, xy, z]; own.rows.len()], ..own.clone() };
+        assert!(is_behind(&own, &constant, &[metric]), "{metric:?}");
+        assert!(is_behind(&own, &Points { sigma: Vec::new(), ..own.clone() }, &[metric]), "{metric:?}");
+    }
+}
+
+#[test]
+fn claims_for_easy_particles_only_are_behind_claims_for_all() {
+    let own = claiming();
+    for metric in CLAIMS {
+        // The claims of the others are missing, or they are left out.
+        let limit = if metric == Metric::CrpsZUm { 1.0 } else { 0.1 };
+        assert!(is_behind(&own, &with_claims(&own, |u| if u > limit { f64::NAN } else { u }), &[metric]));
+        assert!(is_behind(&own, &without_hard(&own), &[metric]));
+        // Several answers, and ghosts elsewhere.
+        let beside = own.rows.iter().map(|row| (row.frame, Position { x_px: row.at.x_px + 0.2, ..row.at }));
+        let mut hedged = with_ghosts(&own, beside);
+        hedged.sigma.extend(own.sigma.iter());
+        assert!(is_behind(&own, &hedged, &[metric]));
+        let mut ghosts = with_ghosts(&own, (0..50).map(|_| (1, Position::default())));
+        ghosts.sigma.resize(ghosts.rows.len(), [1e-3; 3]);
+        assert!(is_behind(&own, &ghosts, &[metric]));
+    }
+}
+
+/// Only particles with small errors.
+fn without_hard(points: &Points) -> Points {
+    let is_easy: Vec<bool> = points.sigma.iter().map(|sigma| sigma[0] < 0.1).collect();
+    let mut all = points.clone();
+    let mut keep = is_easy.iter();
+    all.rows.retain(|_| keep.next() == Some(&true));
+    all.sigma.retain(|sigma| sigma[0] < 0.1);
+    all
+}
+
 #[test]
 fn an_empty_result_is_last_and_equals_share_a_rank() {
     let own = genuine();
     let empty = Points { has_z: true, ..Points::default() };
-    for by in [&D3[..], &T, &S] {
+    for by in [&D3[..], &T, &S, &CLAIMS] {
         assert!(is_behind(&own, &empty, by), "{by:?}");
     }
     let both = [scored(&own), scored(&own)];
