@@ -20,7 +20,7 @@ from ._scenario import Scenario
 from ._scores import Comparison, Scores, compare, evaluate, methods, sweep, track
 from ._stream import PARTICLE_COLUMNS, Law, Stream, choice, integers, log_uniform, uniform
 from ._table import Table
-from ._verbs import Fit, Optics, export, fit, optics, release, verify
+from ._verbs import Fit, Optics, export, fit, optics, release, reveal, verify
 
 __all__ = [
     "Calibration",
@@ -54,6 +54,7 @@ __all__ = [
     "optics",
     "read_geff",
     "release",
+    "reveal",
     "render",
     "resolve",
     "set_threads",

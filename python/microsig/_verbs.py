@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 import tempfile
@@ -369,7 +370,9 @@ def release(
     wheel: _Path | None = None,
     title: str | None = None,
     creators: Iterable[str] = (),
-    version: str = "1.0.0",
+    deadline: datetime.date | str | None = None,
+    after: _Path | None = None,
+    version: str | None = None,
     resume: bool = False,
     force: bool = False,
     new_keys: bool = False,
@@ -388,7 +391,9 @@ def release(
     :param wheel: wheel of microsig for its scoring program
     :param title: title of the challenge
     :param creators: authors, as ``Family, Given`` or names of groups
-    :param version: version of the challenge
+    :param deadline: last day for submissions, a date or text such as ``2027-03-01``
+    :param after: the release of the round before: this one has another secret key and lists the earlier rounds
+    :param version: version of the challenge, by default 1.0.0, in later rounds 2.0.0, ...
     :param resume: leave a finished challenge of this dataset unchanged
     :param force: with ``new_keys``, replace a challenge
     :param new_keys: draw a new secret key, which invalidates everything published of an earlier challenge
@@ -410,13 +415,37 @@ def release(
         .add("wheel", "wheel", wheel)
         .add("title", "title", title)
         .add("creators", "creator", [str(name) for name in creators])
-        .add("version", "release-version", str(version))
+        .add("deadline", "deadline", None if deadline is None else str(deadline))
+        .add("after", "after", after)
+        .add("version", "release-version", None if version is None else str(version))
         .add("resume", "resume", flag("resume", resume))
         .add("force", "force", flag("force", force))
         .add("new_keys", "new-keys", flag("new_keys", new_keys))
         .add("out", "out", Path(out))
     )
     result: dict[str, Any] = options.call(_folder(dataset), progress=progress)[0]
+    return result
+
+
+def reveal(challenge: _Path, out: _Path, *, early: bool = False, force: bool = False) -> dict[str, Any]:
+    """Write the truth of a challenge for publication, after its deadline, as ``microsig reveal`` does (docs/challenge.md).
+
+    :param challenge: folder of the challenge, with ``public`` and ``withheld``
+    :param out: the new folder, to be published
+    :param early: also before the deadline, or without one
+    :param force: replace an earlier publication
+    :returns: ``out``, ``name``, ``deadline`` and ``commitment``
+    :raises ValueError: a deadline that has not passed, or a truth that does not match the commitment
+    :raises FileExistsError: the folder exists
+    :raises OSError: a file cannot be read or written
+    """
+    options = (
+        Options("reveal")
+        .add("early", "early", flag("early", early))
+        .add("force", "force", flag("force", force))
+        .add("out", "out", Path(out))
+    )
+    result: dict[str, Any] = options.call(Path(challenge))[0]
     return result
 
 

@@ -5,6 +5,7 @@ A suite is the file or folder of one, or the name of a shipped one, such as ``od
 
 from __future__ import annotations
 
+import datetime
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -132,6 +133,8 @@ def release(
     track: str | None = None,
     case: str | None = None,
     creators: Iterable[str] = (),
+    deadline: datetime.date | str | None = None,
+    after: _Path | None = None,
     resume: bool = False,
     force: bool = False,
     new_keys: bool = False,
@@ -142,6 +145,7 @@ def release(
     """Make a challenge of each case: ``OUT/TRACK/CASE/{public,withheld}``; arguments as of :func:`microsig.release`.
 
     :param datasets: the generated suite, whose train splits become those of the challenges
+    :param after: the releases of the round before, as ``out`` of that round
     :returns: a dict for every challenge
     :raises ValueError: a dataset that does not verify
     :raises FileExistsError: a challenge exists
@@ -149,6 +153,7 @@ def release(
     """
     options = _selected(Options("suite", "release"), track, case)
     options.add("creators", "creator", [str(name) for name in creators])
+    options.add("deadline", "deadline", None if deadline is None else str(deadline)).add("after", "after", after)
     options.add("resume", "resume", flag("resume", resume)).add("force", "force", flag("force", force))
     options.add("new_keys", "new-keys", flag("new_keys", new_keys))
     options.add("codabench", "codabench", flag("codabench", codabench)).add("wheel", "wheel", wheel)

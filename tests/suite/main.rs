@@ -31,6 +31,7 @@ mod packages;
 mod reference;
 mod release;
 mod robust;
+mod rounds;
 mod scoring;
 mod scoring_fields;
 mod scoring_formats;

@@ -204,9 +204,10 @@ pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Resu
     if SubmissionFiles::are_at(result) {
         let files = SubmissionFiles::open(result, release::limits(dataset)?)?;
         let validated = release::validate(dataset, &files)?;
-        let Validated { submission, kind, rows, .. } = &validated;
+        let Validated { submission, kind, rows, deadline, .. } = &validated;
+        let until = deadline.as_ref().map(|day| format!("; deadline {day}")).unwrap_or_default();
         let text = format!(
-            "{}: a valid submission of {}: {rows} {kind} by {} {}",
+            "{}: a valid submission of {}: {rows} {kind} by {} {}{until}",
             result.display(),
             submission.team,
             submission.method,

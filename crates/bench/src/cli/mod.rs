@@ -20,6 +20,7 @@ mod options;
 mod output;
 mod release;
 mod render;
+mod reveal;
 mod schema;
 mod shard;
 mod spheroid_maps;
@@ -118,6 +119,7 @@ enum Verb {
     Compare(compare::Compare),
     Export(export::Export),
     Release(release::Release),
+    Reveal(reveal::Reveal),
     Fit(fit::Fit),
     Import(import::Import),
     Flows(flows::Flows),
@@ -144,6 +146,7 @@ impl Verb {
             Verb::Compare(verb) => verb.run(common),
             Verb::Export(verb) => verb.run(common),
             Verb::Release(verb) => verb.run(common),
+            Verb::Reveal(verb) => verb.run(common),
             Verb::Fit(verb) => verb.run(common),
             Verb::Import(verb) => verb.run(common),
             Verb::Flows(verb) => verb.run(common),

@@ -8,7 +8,7 @@ use super::Common;
 use super::argument::folder;
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
-use crate::release::{Publication, ReleaseOptions, release};
+use crate::release::{Deadline, Publication, ReleaseOptions, release};
 use storage::error::Result;
 
 /// Make a challenge: a public package and the withheld truth
@@ -17,8 +17,8 @@ use storage::error::Result;
     long_about = "Make a challenge: a public package and the withheld truth.\n\nTrain is DATASET, unchanged. Val is the same scenario \
     drawn with a public seed derived from that of the dataset, with truth. Test is the same scenario drawn with a secret 256-bit key from \
     the operating system; its package holds images, calibration and a submission template, but no truth. Publish OUT/public \
-    unchanged and keep OUT/withheld: submissions are scored against OUT/withheld/test. Publish its truth after the deadline; it \
-    verifies against public/commitment.sha256.",
+    unchanged and keep OUT/withheld: submissions are scored against OUT/withheld/test. After the deadline, `microsig reveal` writes its \
+    truth for publication; it verifies against public/commitment.sha256.",
     after_help = "Example: microsig release datasets/quickstart --out challenges/quickstart --creator 'Doe, Jane'"
 )]
 pub(super) struct Release {
@@ -49,6 +49,12 @@ pub(super) struct Release {
     /// container]
     #[arg(long, value_name = "FILE", requires = "codabench")]
     wheel: Option<PathBuf>,
+    /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
+    #[arg(long, value_name = "DATE")]
+    deadline: Option<Deadline>,
+    /// Release of the round before: this one has another secret key and lists the earlier rounds
+    #[arg(long, value_name = "RELEASE")]
+    after: Option<PathBuf>,
     /// Title of the challenge [default: that of the dataset]
     #[arg(long)]
     title: Option<String>,
@@ -62,9 +68,9 @@ pub(super) struct Release {
     /// it
     #[arg(long)]
     new_keys: bool,
-    /// Version of the challenge
-    #[arg(long, value_name = "TEXT", default_value = "1.0.0")]
-    release_version: String,
+    /// Version of the challenge [default: 1.0.0, in later rounds 2.0.0, ...]
+    #[arg(long, value_name = "TEXT")]
+    release_version: Option<String>,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -92,6 +98,8 @@ impl Release {
                 fields: self.fields,
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
+                deadline: self.deadline,
+                after: self.after.clone(),
                 about,
                 progress: progress(common),
             },

@@ -10,7 +10,7 @@ use super::argument::folder;
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, report, summarize, warn};
 use super::shard::ShardOption;
-use crate::release::{Publication, ReleaseOptions, release};
+use crate::release::{Deadline, Publication, ReleaseOptions, release};
 use crate::suite::{ScoreOptions, score};
 use generator::runner::{
     Frozen, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
@@ -167,6 +167,12 @@ struct Release {
     /// Author to cite, as `Family, Given` or the name of a group; may be repeated
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
+    /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
+    #[arg(long, value_name = "DATE")]
+    deadline: Option<Deadline>,
+    /// Releases of the round before: these have other secret keys and list the earlier rounds
+    #[arg(long, value_name = "RELEASES")]
+    after: Option<PathBuf>,
     /// Continue an interrupted run; finished challenges keep their secret keys
     #[arg(long)]
     resume: bool,
@@ -421,7 +427,7 @@ impl Release {
             let about = Publication {
                 title: Some(format!("{}: {} {}", suite.spec.title, case.track, case.name)),
                 creators: self.creator.clone(),
-                version: suite.spec.version.clone(),
+                version: self.after.is_none().then(|| suite.spec.version.clone()),
             };
             let options = ReleaseOptions {
                 out,
@@ -435,6 +441,8 @@ impl Release {
                 fields: case.rank_by.first().is_some_and(|metric| metric.is_of_fields()),
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
+                deadline: self.deadline,
+                after: self.after.as_ref().map(|after| after.join(case.folder())),
                 about,
                 progress: progress(common),
             };

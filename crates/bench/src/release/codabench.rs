@@ -113,11 +113,14 @@ fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
          pages:\n  - title: Overview\n    file: overview.md\n  - title: Evaluation\n    file: evaluation.md\n  - title: Data\n    file: data.md\n\n\
          tasks:\n  - index: 0\n    name: {title}\n    description: {what} of the test split\n    is_public: false\n    \
          reference_data: reference_data.zip\n    scoring_program: scoring_program.zip\n\n\
-         # Set the dates before uploading; without an end date the phase stays open.\n\
-         phases:\n  - index: 0\n    name: Test\n    description: Scores on the test split\n    start: 2000-01-01\n    \
+         # Set the dates before uploading; without an end date the phase stays open. Times are in UTC.\n\
+         phases:\n  - index: 0\n    name: Test\n    description: Scores on the test split\n    start: 2000-01-01\n{end}    \
          max_submissions_per_day: 2\n    max_submissions: 20\n    execution_time_limit: 1800\n    tasks: [0]\n\n\
          leaderboards:\n  - index: 0\n    title: Results\n    key: main\n    submission_rule: Force_Last\n    columns:\n",
         title = quoted(&about.title),
+        end = about
+            .deadline
+            .map_or_else(String::new, |day| format!("    end: {}\n", day.end().format("%Y-%m-%d %H:%M:%S"))),
         about = quoted(&format!("{}, by microsig", about.title)),
         what = match about.scored[..] {
             ["particles"] => "Particles",

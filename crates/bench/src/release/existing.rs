@@ -17,14 +17,14 @@ use storage::folder::{Earlier, check_replaceable};
 /// # Errors
 /// An existing challenge, unless it was made from the dataset and `options.resume` keeps it, or
 /// `options.force` and `options.new_keys` replace it; any other folder that is not empty.
-pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool> {
+pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions, version: &str) -> Result<bool> {
     let out = &options.out;
     if !out.join(MARK).is_file() {
         check_replaceable(out, Earlier::new(MARK, options.force))?;
         return Ok(false);
     }
     if options.resume {
-        return belongs(dataset, options).map(|()| true);
+        return belongs(dataset, options, version).map(|()| true);
     }
     if !(options.force && options.new_keys) {
         let hint = "is a challenge with its secret key: --resume leaves it unchanged, --force --new-keys replaces it by another \
@@ -36,7 +36,7 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool>
 
 /// Checks that a challenge was made from this dataset, in this version: its archive of train has the
 /// dataset's checksums.
-fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
+fn belongs(dataset: &Path, options: &ReleaseOptions, version: &str) -> Result<()> {
     let out = &options.out;
     let refuse = |what: &str| {
         let hint = "cannot resume; --force --new-keys replaces the challenge and its secret key";
@@ -44,17 +44,21 @@ fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
     };
     let manifest = storage::read_text(&out.join("public").join(MANIFEST))?;
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
-    let resources = manifest["resources"].as_array().into_iter().flatten();
-    let train = resources.filter_map(|of| of["path"].as_str()).find_map(|p| p.strip_suffix("-train.zip"));
-    let Some(name) = train else { return refuse("lists no archive of a train split") };
-    if manifest["version"].as_str() != Some(&options.about.version) {
-        return refuse(&format!("does not have version {}", options.about.version));
+    let Some(name) = name_of(&manifest) else { return refuse("lists no archive of a train split") };
+    if manifest["version"].as_str() != Some(version) {
+        return refuse(&format!("does not have version {version}"));
     }
     let sums = storage::read_text(&dataset.join(SHA256SUMS))?;
     if sums_of_train(out, name).as_deref() == Some(&sums) {
         return Ok(());
     }
     refuse(&format!("was not made from {}", dataset.display()))
+}
+
+/// The name of a challenge, from the archive of train in its manifest.
+pub(super) fn name_of(manifest: &serde_json::Value) -> Option<&str> {
+    let resources = manifest["resources"].as_array().into_iter().flatten();
+    resources.filter_map(|of| of["path"].as_str()).find_map(|path| path.strip_suffix("-train.zip"))
 }
 
 /// Maximum size of a list of checksums, bytes; that of a million files has 100 MB.

@@ -11,6 +11,7 @@
 //!   test/                             the complete test split with its secret key, for scoring submissions
 //!   NAME-test-truth.zip  salt.bin     to be published after the deadline
 //!   codabench.zip                     a bundle for the Codabench platform, with --codabench
+//!   rounds.json                       the rounds up to this one, with a hash of the key of each
 //!   README.md                         instructions
 //! ```
 //!
@@ -20,19 +21,26 @@
 
 mod about;
 mod codabench;
+mod croissant;
+mod deadline;
 mod existing;
 mod overlap;
 pub(crate) mod package;
+mod reveal;
+mod rounds;
 mod splits;
 mod submission;
 mod test_split;
 
 pub use about::Publication;
+pub use deadline::Deadline;
+pub use reveal::{RevealOptions, Revealed, reveal};
+pub use rounds::Round;
 pub use scenario::derived_seed;
 pub use submission::{Submission, SubmissionFiles, Validated, limits, validate};
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use serde::Serialize;
 
@@ -75,6 +83,10 @@ pub struct ReleaseOptions {
     pub codabench: bool,
     /// The Python wheel of microsig that the bundle's scoring program installs.
     pub wheel: Option<PathBuf>,
+    /// The last day for submissions.
+    pub deadline: Option<Deadline>,
+    /// The release of the round before this one.
+    pub after: Option<PathBuf>,
     /// Bibliographic data.
     pub about: Publication,
     /// Progress display.
@@ -92,6 +104,10 @@ pub struct Released {
     pub images: [u32; 3],
     /// SHA-256 of salt and truth archive.
     pub commitment: String,
+    /// Number of the round, from 1.
+    pub round: u32,
+    /// The last day for submissions.
+    pub deadline: Option<String>,
     /// What participants are scored on: particles, and fields unless the train split reveals the velocity
     /// field of the test split.
     pub scored: Vec<&'static str>,
@@ -115,7 +131,14 @@ const MARK: &str = "public/commitment.sha256";
 /// `force` and `new_keys`; an I/O error.
 pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Released>> {
     let start = Instant::now();
-    if existing::is_there(dataset, options)? {
+    let mut rounds = rounds::before(options)?;
+    let round = rounds.last().map_or(1, |last| last.round + 1);
+    let version = options.about.version.clone().unwrap_or_else(|| format!("{round}.0.0"));
+    if let Some(same) = rounds.iter().find(|of| of.version == version) {
+        let what = format!("--release-version {version}: is that of round {}", same.round);
+        return Err(Error::input(what));
+    }
+    if existing::is_there(dataset, options, &version)? {
         return Ok(None);
     }
     let train = Train::open(dataset)?;
@@ -153,7 +176,16 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     kept.zip(&format!("{name}-test"), &truth)?;
     let commitment = commit(&withheld.join(SALT), &truth)?;
 
-    let about = options.about.of(&train, &commitment, &scored, is_flow_known);
+    let deadline = options.deadline.map(|deadline| deadline.to_string());
+    rounds.push(Round {
+        round,
+        version,
+        deadline: deadline.clone(),
+        commitment_sha256: commitment.clone(),
+        key_sha256: Some(rounds::key_sha256(&folder)?),
+    });
+    save_bytes(&withheld.join(rounds::ROUNDS), rounds::list(&rounds)?.as_bytes())?;
+    let about = options.about.of(&train, &rounds, options.deadline, &scored, is_flow_known);
     let recordings = (!options.exact_times).then_some(&test.recordings);
     test_split::package(dataset, &folder, recordings, &about)?
         .zip(&format!("{name}-test"), &archive("test"))?;
@@ -165,6 +197,12 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     publish(&public, &about)?;
     partial.finish(Earlier::new(MARK, options.force && options.new_keys))?;
     let mut warnings = Vec::new();
+    warnings.extend(
+        options
+            .deadline
+            .filter(|of| of.has_passed(SystemTime::now()))
+            .map(|of| format!("the deadline {of} has passed")),
+    );
     if options.fields && is_flow_known {
         warnings.push(
             "the train split reveals the velocity field of the test split, which does not depend on random numbers; fields are scored \
@@ -181,6 +219,8 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     Ok(Some(Released {
         out: options.out.clone(),
         name: name.clone(),
+        round,
+        deadline,
         scored,
         warnings,
         images: [&train.scenario, &val, &test].map(|s| s.recordings.frames()),

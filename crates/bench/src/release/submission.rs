@@ -3,11 +3,14 @@
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use super::deadline::Deadline;
 use dataset::RecordingFacts;
+use dataset::manifest::Manifest;
 use scoring::evaluate::measurement;
 use scoring::results::{self, Conventions, Format, Limits, TrackerResult};
 use storage::TemporaryFolder;
@@ -96,6 +99,8 @@ pub struct Validated {
     pub kind: &'static str,
     /// Number of rows with coordinates.
     pub rows: usize,
+    /// The last day for submissions, if the test split states one.
+    pub deadline: Option<String>,
     /// Valid but suspicious properties.
     pub warnings: Vec<String>,
 }
@@ -221,8 +226,12 @@ pub fn validate(test: &Path, files: &SubmissionFiles) -> Result<Validated> {
     let submission = about(test, &files.about(), &mut problems)?;
     let found = particles_or_vectors(test, &files.results(), &mut problems)?;
     match (submission, found) {
-        (Some(submission), Some((kind, rows, warnings))) if problems.is_empty() => {
-            Ok(Validated { submission, kind, rows, warnings })
+        (Some(submission), Some((kind, rows, mut warnings))) if problems.is_empty() => {
+            let deadline = Manifest::read(test)?.microsig.deadline;
+            let day = deadline.as_deref().and_then(|text| text.parse::<Deadline>().ok());
+            let late = day.filter(|day| day.has_passed(SystemTime::now()));
+            warnings.extend(late.map(|day| format!("the deadline of the challenge, {day}, has passed")));
+            Ok(Validated { submission, kind, rows, deadline, warnings })
         }
         _ => {
             let (unpacked, given) = (files.folder.display().to_string(), files.given.display().to_string());

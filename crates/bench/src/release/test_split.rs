@@ -110,6 +110,7 @@ fn public_facts(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) 
         scored: Some(about.scored.iter().map(|&what| what.to_owned()).collect()),
         images_sha256: Some(images.to_owned()),
         commitment_sha256: Some(about.commitment.to_owned()),
+        deadline: about.deadline.map(|deadline| deadline.to_string()),
         ..manifest::Facts::default()
     }
 }

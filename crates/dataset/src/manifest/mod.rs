@@ -199,6 +199,9 @@ pub struct Facts {
     /// SHA-256 of salt and truth of a test split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub commitment_sha256: Option<String>,
+    /// Last day for submissions to the challenge of a test split, such as 2027-03-01.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deadline: Option<String>,
 }
 
 /// Times of the frames: the keys of the scenario's timing, `mode`, `frames` and, for image pairs, `pairs`.

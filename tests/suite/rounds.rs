@@ -1,0 +1,177 @@
+//! Deadlines of challenges, publication of their truth, and rounds with keys of their own.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use suite::microsig::{fail, microsig, path, run, text};
+
+use crate::release::{CHALLENGE, submission, unpack};
+
+/// A challenge of the shared dataset.
+fn challenge(place: &Path, name: &str, more: &[&str]) -> PathBuf {
+    let out = place.join(name);
+    run(&[&["release", path(&CHALLENGE.dataset), "--out", path(&out), "--quiet"], more].concat());
+    out
+}
+
+fn json(file: &Path) -> Value {
+    serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
+}
+
+/// SHA-256 of several files in a row, as of `cat A B | sha256sum`.
+fn sha256(files: &[PathBuf]) -> String {
+    let all: Vec<u8> = files.iter().flat_map(|file| fs::read(file).unwrap()).collect();
+    suite::sha256_of(&all)
+}
+
+#[test]
+fn the_truth_is_published_after_the_deadline_and_is_the_promised_one() {
+    let place = tempfile::tempdir().unwrap();
+    let over = challenge(place.path(), "over", &["--deadline", "2020-02-29"]);
+    let before = suite::tree(&over).unwrap();
+    let truth = place.path().join("truth");
+    run(&["reveal", path(&over), "--out", path(&truth)]);
+    assert!(suite::tree(&over).unwrap() == before, "the challenge is unchanged");
+    let files: Vec<String> =
+        suite::tree(&truth).unwrap().into_keys().filter(|name| !name.starts_with('.')).collect();
+    let expected = ["README.md", "SHA256SUMS", "commitment.sha256", "salt.bin", "small-test-truth.zip"];
+    assert_eq!(files, expected);
+
+    // With what participants have: the commitment and the images of the public part.
+    let commitment = fs::read_to_string(over.join("public/commitment.sha256")).unwrap();
+    let found = sha256(&["salt.bin", "small-test-truth.zip"].map(|name| truth.join(name)));
+    assert_eq!(commitment, format!("{found}  -\n"));
+    let (images, revealed) = (place.path().join("images"), place.path().join("revealed"));
+    unpack(&over.join("public/small-test.zip"), &images);
+    unpack(&truth.join("small-test-truth.zip"), &revealed);
+    fs::rename(images.join("small-test/images"), revealed.join("small-test/images")).unwrap();
+    run(&["verify", path(&revealed.join("small-test")), "--regenerate"]);
+
+    // Another truth is not published, nor is an existing folder replaced.
+    assert!(fail(2, &["reveal", path(&over), "--out", path(&truth)]).contains("--force"));
+    let archive = over.join("withheld/small-test-truth.zip");
+    let mut bytes = fs::read(&archive).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&archive, bytes).unwrap();
+    let other = place.path().join("other");
+    let message = fail(2, &["reveal", path(&over), "--out", path(&other)]);
+    assert!(message.contains("do not match public/commitment.sha256") && !other.exists(), "{message}");
+}
+
+#[test]
+fn before_the_deadline_only_an_option_publishes_the_truth() {
+    let place = tempfile::tempdir().unwrap();
+    let open = challenge(place.path(), "open", &["--deadline", "9999-12-31"]);
+    let truth = place.path().join("truth");
+    let reveal = |of: &Path| fail(2, &["reveal", path(of), "--out", path(&truth)]);
+    for (of, expected) in [
+        (open.as_path(), "its deadline is 9999-12-31"),
+        (&CHALLENGE.out, "states no deadline; --early"),
+        (&CHALLENGE.dataset, "is no challenge made by `microsig release`"),
+    ] {
+        let message = reveal(of);
+        assert!(message.contains(expected) && !truth.exists(), "{message}");
+    }
+    run(&["reveal", path(&open), "--out", path(&truth), "--early"]);
+    assert!(truth.join("salt.bin").is_file());
+
+    // Participants read the deadline on the page, in the manifests and in the check of their submission.
+    for file in ["README.md", "datapackage.json"] {
+        let text = fs::read_to_string(open.join("public").join(file)).unwrap();
+        assert!(text.contains("9999-12-31"), "{file}");
+    }
+    let message = fail(
+        2,
+        &[
+            "release",
+            path(&CHALLENGE.dataset),
+            "--out",
+            path(&place.path().join("x")),
+            "--deadline",
+            "1.3.2027",
+        ],
+    );
+    assert!(message.contains("expected a date, such as 2027-03-01"), "{message}");
+}
+
+#[test]
+fn a_submission_is_told_the_deadline() {
+    let place = tempfile::tempdir().unwrap();
+    for (day, is_over) in [("9999-12-31", false), ("2020-02-29", true)] {
+        let out = challenge(place.path(), day, &["--deadline", day]);
+        let unpacked = place.path().join(format!("{day}-test"));
+        unpack(&out.join("public/small-test.zip"), &unpacked);
+        let test = unpacked.join("small-test");
+        let sums = fs::read_to_string(test.join("SHA256SUMS")).unwrap();
+        let images: String =
+            sums.lines().filter(|l| l.contains("  images/")).map(|l| format!("{l}\n")).collect();
+        let own = place.path().join(format!("{day}-of"));
+        let good = submission(&own, &suite::sha256_of(images.as_bytes()));
+        let output = microsig().args(["check-submission", path(&test), path(&good)]).output().unwrap();
+        let text = text(&[output.stdout, output.stderr].concat());
+        assert!(output.status.success() && text.contains(&format!("; deadline {day}")), "{text}");
+        assert_eq!(text.contains("has passed"), is_over, "{text}");
+    }
+}
+
+#[test]
+fn each_round_has_its_key_and_lists_those_before() {
+    let place = tempfile::tempdir().unwrap();
+    let first = challenge(place.path(), "first", &["--deadline", "2020-02-29"]);
+    let before = suite::tree(&first).unwrap();
+    let second = challenge(place.path(), "second", &["--after", path(&first), "--deadline", "9999-12-31"]);
+    let third = challenge(place.path(), "third", &["--after", path(&second)]);
+    assert!(suite::tree(&first).unwrap() == before, "earlier rounds are unchanged");
+
+    let rounds = json(&third.join("withheld/rounds.json"));
+    for (i, (folder, deadline)) in
+        [(&first, Value::from("2020-02-29")), (&second, "9999-12-31".into()), (&third, Value::Null)]
+            .into_iter()
+            .enumerate()
+    {
+        let of = &rounds[i];
+        assert_eq!(of["round"], i + 1);
+        assert_eq!(of["version"], format!("{}.0.0", i + 1));
+        assert_eq!(of["deadline"], deadline);
+        let commitment = fs::read_to_string(folder.join("public/commitment.sha256")).unwrap();
+        assert!(commitment.starts_with(of["commitment_sha256"].as_str().unwrap()));
+        let key = suite::sha256(&folder.join("withheld/test/secret_key.txt")).unwrap();
+        assert_eq!(of["key_sha256"], key);
+        // The public part lists the same rounds without their keys.
+        let public = json(&third.join("public/datapackage.json"))["microsig"]["rounds"][i].clone();
+        assert_eq!(public["commitment_sha256"], of["commitment_sha256"]);
+        assert!(public.get("key_sha256").is_none());
+        for file in fs::read_dir(third.join("public")).unwrap().map(|entry| entry.unwrap().path()) {
+            assert!(!text(&fs::read(&file).unwrap()).contains(&key), "{}", file.display());
+        }
+    }
+    assert_eq!(rounds.as_array().unwrap().len(), 3);
+    let keys: std::collections::BTreeSet<&str> =
+        rounds.as_array().unwrap().iter().map(|of| of["key_sha256"].as_str().unwrap()).collect();
+    assert_eq!(keys.len(), 3);
+    let readme = fs::read_to_string(third.join("public/README.md")).unwrap();
+    assert!(readme.contains("This is round 3.") && readme.contains("| 1 | 1.0.0 | 2020-02-29 |"), "{readme}");
+
+    // A round keeps its folder and its version.
+    let release = ["release", path(&CHALLENGE.dataset), "--out", path(&third), "--after"];
+    let message = fail(2, &[&release[..], &[path(&third), "--force", "--new-keys"]].concat());
+    assert!(message.contains("is the folder of the new round"), "{message}");
+    let out = place.path().join("same");
+    let release = ["release", path(&CHALLENGE.dataset), "--out", path(&out), "--after", path(&second)];
+    let message = fail(2, &[&release[..], &["--release-version", "2.0.0"]].concat());
+    assert!(message.contains("--release-version 2.0.0: is that of round 2"), "{message}");
+    assert!(
+        run(&[
+            "release",
+            path(&CHALLENGE.dataset),
+            "--out",
+            path(&second),
+            "--after",
+            path(&first),
+            "--resume"
+        ])
+        .contains("already exists")
+    );
+}
