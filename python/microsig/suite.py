@@ -102,6 +102,7 @@ def score(
     *,
     track: str | None = None,
     case: str | None = None,
+    site: _Path | None = None,
     anchors: bool = False,
     seed: int = 0,
     force: bool = False,
@@ -111,6 +112,7 @@ def score(
     :param datasets: the generated suite
     :param results: ``RESULTS/TRACKER/TRACK/CASE/results.csv``
     :param out: folder of the scores
+    :param site: folder of a site of the leaderboard, to be hosted by copying it
     :param anchors: also score degenerate results made from the truth, which must rank behind the trackers
     :param seed: seed of the bootstrap
     :returns: cases with their scores and ranks, as in ``suite.json``
@@ -119,6 +121,7 @@ def score(
     :raises OSError: a file cannot be read or written
     """
     options = _selected(Options("suite", "score"), track, case).add("results", "results", Path(results))
+    options.add("site", "site", site)
     options.add("anchors", "anchors", flag("anchors", anchors)).add("seed", "seed", whole("seed", seed, 0, LAST_SEED))
     options.add("force", "force", flag("force", force)).add("out", "out", Path(out))
     result: dict[str, Any] = options.call(suite, datasets)[0]

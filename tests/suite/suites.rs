@@ -325,6 +325,25 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
     assert!(fail(2, &all).contains("already exists"));
+    // The site of the same scores, also with names that links must escape.
+    let odd = result("50 % #1 ä", "noise_2");
+    std::fs::copy(result("perfect", "noise_2"), &odd).unwrap();
+    let (site, copy) = (place.path().join("site"), place.path().join("copied/to/a server"));
+    run(&[&all[..], &["--force", "--site", path(&site)]].concat());
+    std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
+    std::fs::rename(&site, &copy).unwrap();
+    let linked = check_links(&copy);
+    for page in
+        ["rules.html", "scores/spots/P2/noise_2/report.html", "scores/50 % #1 ä/P2/noise_2/report.html"]
+    {
+        assert!(linked.contains(page), "{page}: {linked:?}");
+    }
+    for (page, expected) in [("index.html", "50 % #1 ä"), ("rules.html", "Ranked by, in this order")] {
+        assert!(std::fs::read_to_string(copy.join(page)).unwrap().contains(expected), "{page}: {expected}");
+    }
+    let scores = |folder: &Path| std::fs::read(folder.join("suite_scores.csv")).unwrap();
+    assert!(scores(&copy) == scores(&out));
+    std::fs::remove_dir_all(odd.ancestors().nth(3).unwrap()).unwrap();
     // What a participant says about a tracker is on the page.
     let about = results.join("perfect/tracker.json");
     let said =
@@ -362,6 +381,48 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     assert!(message.contains("noise_3/results.csv: the suite has no such case"), "{message}");
     let message = fail(2, &[&all[..], &["--force"]].concat());
     assert!(message.contains("spots/P2/noise_3: track P2 has no such case at size smoke"), "{message}");
+}
+
+/// Checks that every link of the pages below a folder leads to a file in it, that pages fetch nothing from elsewhere and
+/// are drawn in light and dark, and that all pages are linked. Returns the files that are linked.
+fn check_links(site: &Path) -> std::collections::BTreeSet<String> {
+    let files: std::collections::BTreeSet<String> = suite::tree(site).unwrap().into_keys().collect();
+    let mut linked = std::collections::BTreeSet::new();
+    for page in files.iter().filter(|name| name.ends_with(".html")) {
+        let text = std::fs::read_to_string(site.join(page)).unwrap();
+        assert!(text.contains("prefers-color-scheme: dark") && !text.contains("<script"), "{page}");
+        assert!(!text.contains("url(") && !text.contains("@import") && !text.contains("<base"), "{page}");
+        for attribute in ["href=\"", "src=\"", "action=\""] {
+            for target in text.split(attribute).skip(1).map(|rest| rest.split('"').next().unwrap()) {
+                if target.starts_with("data:image/") {
+                    continue;
+                }
+                let (file, place) = target.split_once('#').unwrap_or((target, ""));
+                let is_id = |id: &str| id.is_empty() || text.contains(&format!("id=\"{id}\""));
+                if file.is_empty() {
+                    assert!(is_id(place), "{page}: {target}");
+                    continue;
+                }
+                assert!(
+                    place.is_empty() && !file.contains(':') && !file.starts_with('/'),
+                    "{page}: {target}"
+                );
+                let folder = page.rsplit_once('/').map_or("", |(folder, _)| folder);
+                let decoded = percent_encoding::percent_decode_str(file).decode_utf8().unwrap();
+                let to = if folder.is_empty() { decoded.into_owned() } else { format!("{folder}/{decoded}") };
+                assert!(files.contains(&to), "{page}: {target} leads to {to}");
+                linked.insert(to);
+            }
+        }
+    }
+    for page in files.iter().filter(|name| name.ends_with(".html") && *name != "index.html") {
+        assert!(linked.contains(page), "no link to {page}");
+    }
+    let known = ["html", "csv", "json"];
+    let others =
+        files.iter().filter(|name| !known.iter().any(|end| name.ends_with(end)) && !name.starts_with('.'));
+    assert_eq!(others.count(), 0, "{files:?}");
+    linked
 }
 
 #[test]

@@ -139,6 +139,10 @@ struct Score {
     /// Only this case
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
+    /// Also write a site of the leaderboard with rules and reports, to be copied to any server or opened from
+    /// disk
+    #[arg(long, value_name = "DIR", value_parser = folder())]
+    site: Option<PathBuf>,
     /// Also score degenerate results made from the truth; exit code 1 if one does not rank behind the
     /// trackers
     #[arg(long)]
@@ -395,6 +399,7 @@ impl Score {
         let options = ScoreOptions {
             results: self.results.clone(),
             out: self.out.clone(),
+            site: self.site.clone(),
             force: self.replace.force,
             selection,
             seed: self.random.seed.unwrap_or(0),

@@ -39,16 +39,28 @@ const EXACT: [&str; 6] = ["definitions", "counts", "from", "to", "z_over_h", "wa
 pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let folder = folder.join(FOLDER);
     std::fs::create_dir(&folder).map_err(Error::write(&folder))?;
-    let score = redacted(&evaluation.score)?;
-    let mut names = vec![SCORE];
-    let text = serde_json::to_string_pretty(&score).map_err(|e| Error::input(e.to_string()))?;
-    save_bytes(&folder.join(SCORE), (text + "\n").as_bytes())?;
-    if html && averaged(&evaluation.score) >= FEWEST {
-        let evaluation = Evaluation { score, ..evaluation.clone() };
-        save_bytes(&folder.join(REPORT), page::page(&evaluation, false)?.as_bytes())?;
-        names.push(REPORT);
+    let mut names = Vec::new();
+    for (name, text) in published(evaluation, html)? {
+        save_bytes(&folder.join(name), text.as_bytes())?;
+        names.push(format!("{FOLDER}/{name}"));
     }
-    Ok(names.into_iter().map(|name| format!("{FOLDER}/{name}")).collect())
+    Ok(names)
+}
+
+/// Names and contents of the files of an evaluation that may be published: `score.json`, and `report.html` without
+/// true positions if asked for.
+///
+/// # Errors
+/// A plot that cannot be drawn.
+pub(crate) fn published(evaluation: &Evaluation, html: bool) -> Result<Vec<(&'static str, String)>> {
+    let score = redacted(&evaluation.score)?;
+    let text = serde_json::to_string_pretty(&score).map_err(|e| Error::input(e.to_string()))?;
+    let mut files = vec![(SCORE, text + "\n")];
+    if html && (!score.truth_is_secret || averaged(&evaluation.score) >= FEWEST) {
+        let evaluation = Evaluation { score, ..evaluation.clone() };
+        files.push((REPORT, page::page(&evaluation, false)?));
+    }
+    Ok(files)
 }
 
 /// The publishable part of a score: all of it, unless the truth is withheld.

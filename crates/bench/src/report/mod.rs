@@ -31,7 +31,7 @@ pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 use files::UNITS;
 pub(crate) use fit_page::fit_page;
-pub(crate) use for_team::redacted;
+pub(crate) use for_team::{published, redacted};
 pub use leaderboard::Entry;
 pub(crate) use log_axis::is_logarithmic;
 pub(crate) use page::document;
@@ -40,7 +40,7 @@ pub use score_file::{parse as parse_score, parse_units};
 pub use table::table;
 
 /// The report's file.
-const REPORT: &str = "report.html";
+pub(crate) const REPORT: &str = "report.html";
 
 /// Checks that the files of an evaluation may be written into a folder.
 ///

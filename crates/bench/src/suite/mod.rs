@@ -8,6 +8,7 @@ mod anchors;
 mod metrics;
 mod page;
 mod participants;
+mod site;
 mod table;
 
 use std::path::{Path, PathBuf};
@@ -25,6 +26,7 @@ use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
 use scoring::ranking::{Contestant, rank};
+use site::Site;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::save_bytes;
@@ -149,6 +151,8 @@ pub struct ScoreOptions {
     pub results: PathBuf,
     /// Folder of the scores.
     pub out: PathBuf,
+    /// Folder of a site of the leaderboard.
+    pub site: Option<PathBuf>,
     /// Replace existing scores.
     pub force: bool,
     /// Only these tracks and cases.
@@ -177,6 +181,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     let trackers = trackers(&options.results)?;
     refuse_unknown(suite, record.size, &trackers, &options.results)?;
     let more = participants::annotations(&options.results, &trackers, &suite.cases(record.size)?)?;
+    let mut site = options.site.as_deref().map(|folder| Site::start(folder, options.force)).transpose()?;
     let partial = Partial::start(&options.out)?;
     let mut all = Vec::new();
     for track in &suite.spec.tracks {
@@ -188,7 +193,13 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
             continue;
         }
         for case in of_track {
-            all.push(scored_case(track, case, &entered, (datasets, partial.folder()), options)?);
+            all.push(scored_case(
+                track,
+                case,
+                &entered,
+                (datasets, partial.folder(), site.as_mut()),
+                options,
+            )?);
         }
     }
     let scores = SuiteScores {
@@ -199,10 +210,15 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
         standings: standings(suite, &all),
         cases: all,
     };
-    save_bytes(&partial.folder().join(SUITE_SCORES_CSV), &table::csv(&scores)?)?;
-    let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))?;
-    save_bytes(&partial.folder().join(SUITE_SCORES), format!("{json}\n").as_bytes())?;
+    let csv = table::csv(&scores)?;
+    save_bytes(&partial.folder().join(SUITE_SCORES_CSV), &csv)?;
+    let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))? + "\n";
+    save_bytes(&partial.folder().join(SUITE_SCORES), json.as_bytes())?;
     save_bytes(&partial.folder().join(PAGE), page(&scores, &more)?.as_bytes())?;
+    if let Some(site) = site {
+        let more = Annotations { reports: site.reports().clone(), is_site: true, ..more };
+        site.finish(suite, &scores, &page(&scores, &more)?, [&csv, json.as_bytes()])?;
+    }
     partial.finish(earlier)?;
     Ok(scores)
 }
@@ -294,7 +310,7 @@ fn scored_case(
     track: &TrackSpec,
     case: &SuiteCase,
     entered: &[&String],
-    (datasets, out): (&Path, &Path),
+    (datasets, out, mut site): (&Path, &Path, Option<&mut Site>),
     options: &ScoreOptions,
 ) -> Result<CaseScores> {
     let dataset = datasets.join(case.split_folder(Split::Test));
@@ -313,8 +329,9 @@ fn scored_case(
         .par_iter()
         .map(|tracker| {
             let result = options.results.join(tracker).join(case.folder()).join(RESULT);
-            let found =
-                result.exists().then(|| evaluate_files(&dataset, &result, &rules).map_err(|e| e.to_string()));
+            let found = result.exists().then(|| {
+                evaluate_files(&dataset, &result, &rules).map_err(|e| without(&options.results, &e))
+            });
             ((*tracker).clone(), found.transpose())
         })
         .collect();
@@ -324,6 +341,9 @@ fn scored_case(
             let folder = out.join(SCORES).join(&tracker).join(case.folder());
             std::fs::create_dir_all(&folder).map_err(Error::write(&folder))?;
             report::write_into(&folder, evaluation, false)?;
+            if let Some(site) = &mut site {
+                site.add(&format!("{tracker}/{}", case.folder()), evaluation)?;
+            }
         }
         match result(case, tracker, &evaluation) {
             result if result.status == Status::Scored => {
@@ -359,6 +379,11 @@ fn scored_case(
         results,
         anchors,
     })
+}
+
+/// A message about a result whose paths begin at the folder of the results: it is published.
+fn without(results: &Path, error: &Error) -> String {
+    error.to_string().replace(&format!("{}{}", results.display(), std::path::MAIN_SEPARATOR), "")
 }
 
 /// The result of a tracker without its rank.

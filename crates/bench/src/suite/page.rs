@@ -7,6 +7,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
+use super::site::{contents, link, report_of};
 use super::{CaseResult, CaseScores, MetricValue, Standing, Status, SuiteScores};
 use crate::report::{
     AxisLabels, Series, document, figure_of, is_logarithmic, lines, lines_over_log, log_lines, names,
@@ -30,6 +31,10 @@ pub struct Annotations {
     pub seconds_per_frame: BTreeMap<(String, String), f64>,
     /// Why a tracker has no result, by tracker and `TRACK/CASE`.
     pub failures: BTreeMap<(String, String), String>,
+    /// Whether the page belongs to a site, with rules and tables.
+    pub is_site: bool,
+    /// Paths of the reports of single results beside the page.
+    pub reports: BTreeSet<String>,
     /// Example images, by track.
     pub pictures: BTreeMap<String, Vec<Picture>>,
     /// Depth errors over depth in example cases, by track.
@@ -88,6 +93,7 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
         Results of equal rank are not separated by any score. \
         Scores of different cases are never averaged. The standing in a track is the mean rank over its cases; a case \
         without a result counts with the last rank. Errors cover found particles only: read them together with recall or F1." }
+        @if more.is_site { (contents()) }
         @for note in &more.notes { p { (with_code(note)) } }
         @for part in &parts { (part) }
     };
@@ -196,7 +202,9 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                 }
                 @for result in case.results.iter().filter(|result| !is_flat(result)) { tr {
                     td { (result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string())) }
-                    td { (more.name(&result.tracker)) }
+                    @let report = report_of(&result.tracker, case);
+                    td { @if more.reports.contains(&report) { a href=(link(&report)) { (more.name(&result.tracker)) } }
+                        @else { (more.name(&result.tracker)) } }
                     @if result.status == Status::Scored {
                         @for metric in case.rank_by.iter().chain(&others) { td { (shown(result.value(*metric))) } }
                         td { (more.seconds_per_frame.get(&key(result)).map_or_else(|| "-".to_owned(), |t| format!("{t:.3}"))) }

@@ -1,0 +1,179 @@
+//! The site of a leaderboard (`suite score --site`): a folder that can be copied to any server, or opened from
+//! disk.
+//!
+//! ```text
+//! index.html  rules.html                       standings, curves and cases; tracks and how they are ranked
+//! suite_scores.csv  suite_scores.json          all scores
+//! scores/TRACKER/TRACK/CASE/report.html score.json
+//! ```
+//!
+//! All links are relative, and nothing is fetched from elsewhere. Files of single results pass through
+//! [`report::published`], so a withheld truth stays withheld.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use maud::{Markup, html};
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
+
+use super::{CaseScores, PAGE, SCORES, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores};
+use crate::report;
+use scenario::{Suite, TrackSpec};
+use scoring::evaluate::Evaluation;
+use scoring::ranking::{Better, ScoreDef};
+use storage::error::{Error, Result};
+use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::save_bytes;
+
+/// Name of the page with the rules.
+pub(super) const RULES: &str = "rules.html";
+
+/// Characters of a path that stay as they are in a link.
+const PATH: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'_').remove(b'.').remove(b'~').remove(b'/');
+
+/// A site under construction.
+#[derive(Debug)]
+pub(super) struct Site {
+    partial: Partial,
+    earlier: Earlier,
+    /// Paths of the reports.
+    reports: BTreeSet<String>,
+}
+
+/// Path of the report of a result.
+pub(super) fn report_of(tracker: &str, case: &CaseScores) -> String {
+    format!("{SCORES}/{tracker}/{}/{}/{}", case.track, case.case, report::REPORT)
+}
+
+/// A relative path as a link.
+pub(super) fn link(path: &str) -> String {
+    utf8_percent_encode(path, PATH).to_string()
+}
+
+impl Site {
+    /// Starts a site.
+    ///
+    /// # Errors
+    /// An existing folder, unless it is a site and `force`.
+    pub(super) fn start(folder: &Path, force: bool) -> Result<Self> {
+        let earlier = Earlier::new(RULES, force);
+        check_replaceable(folder, earlier)?;
+        Ok(Site { partial: Partial::start(folder)?, earlier, reports: BTreeSet::new() })
+    }
+
+    /// Adds the files of a result, `TRACKER/TRACK/CASE`.
+    pub(super) fn add(&mut self, result: &str, evaluation: &Evaluation) -> Result<()> {
+        let below = format!("{SCORES}/{result}");
+        let folder = self.partial.folder().join(&below);
+        std::fs::create_dir_all(&folder).map_err(Error::write(&folder))?;
+        for (name, text) in report::published(evaluation, true)? {
+            save_bytes(&folder.join(name), text.as_bytes())?;
+            self.reports.extend((name == report::REPORT).then(|| format!("{below}/{name}")));
+        }
+        Ok(())
+    }
+
+    /// Paths of the reports.
+    pub(super) fn reports(&self) -> &BTreeSet<String> {
+        &self.reports
+    }
+
+    /// Adds the pages and tables, and gives the folder its name.
+    pub(super) fn finish(
+        self,
+        suite: &Suite,
+        scores: &SuiteScores,
+        index: &str,
+        tables: [&[u8]; 2],
+    ) -> Result<()> {
+        let folder = self.partial.folder();
+        let rules = rules(suite, scores);
+        let [csv, json] = tables;
+        for (name, bytes) in [
+            (PAGE, index.as_bytes()),
+            (RULES, rules.as_bytes()),
+            (SUITE_SCORES_CSV, csv),
+            (SUITE_SCORES, json),
+        ] {
+            save_bytes(&folder.join(name), bytes)?;
+        }
+        self.partial.finish(self.earlier)
+    }
+}
+
+/// The links of the first page.
+pub(super) fn contents() -> Markup {
+    html! {
+        p { a href=(RULES) { "Rules" } ", all scores as " a href=(SUITE_SCORES_CSV) { "table" } " and "
+            a href=(SUITE_SCORES) { "JSON" } ". The name of a tracker in the table of a case leads to the report of its result." }
+    }
+}
+
+/// `rules.html`.
+fn rules(suite: &Suite, scores: &SuiteScores) -> String {
+    let (name, version, size) = (&scores.suite, &scores.version, scores.size.name());
+    let title = format!("Rules of {name} {version}, size {size}");
+    let scored = |track: &&TrackSpec| scores.cases.iter().any(|case| case.track == track.name);
+    let body = html! {
+        h1 { (title) }
+        p { a href=(PAGE) { "Standings" } }
+        @if !suite.spec.title.is_empty() { p { b { (suite.spec.title) } } }
+        @if !suite.spec.description.is_empty() { p { (suite.spec.description) } }
+        h2 { "Taking part" }
+        p { "Run a tracker on the test split of every case of a track, and write its results to files " code { "results/NAME/TRACK/CASE/results.csv" }
+            ". Choose parameters on train and val only: the seeds of the test splits are public, so the comparison relies on trackers that do not \
+            use the truth of test." }
+        pre { "microsig suite generate " (name) " --size " (size) " --out suites/" (size) "\n\
+            microsig check-submission suites/" (size) " results/NAME --suite " (name) "\n\
+            microsig suite score " (name) " suites/" (size) " --results results --out scores --site site" }
+        @for track in suite.spec.tracks.iter().filter(scored) { (of_track(track, scores)) }
+        h2 { "Ranks" }
+        (ranks())
+        p.soft { "Scored by microsig " (scores.microsig) ", whose documentation defines all scores." }
+    };
+    report::document(&title, &body)
+}
+
+/// The scores and gates of a track.
+fn of_track(track: &TrackSpec, scores: &SuiteScores) -> Markup {
+    let cases: Vec<&CaseScores> = scores.cases.iter().filter(|case| case.track == track.name).collect();
+    let mut orders: Vec<&[scenario::Metric]> = cases.iter().map(|case| case.rank_by.as_slice()).collect();
+    orders.dedup();
+    let gates = [("in the image plane", track.gate_xy_px, "px"), ("along z", track.gate_z_um, "um")];
+    html! {
+        h2 { "Track " (track.name) ": " (track.title) }
+        p { (cases.len()) " cases."
+            @for (along, gate, unit) in gates { @if let Some(gate) = gate {
+                " A point belongs to a particle within " (gate) " " (unit) " " (along) "."
+            } }
+        }
+        @for order in orders {
+            p { "Ranked by, in this order" @if track.rank_by != *order { " (some cases)" } ":" }
+            ol { @for metric in order {
+                @let def = ScoreDef::of(*metric);
+                li { (def.title()) ", " (match def.better {
+                    Better::Greater => "larger is better",
+                    Better::Smaller => "smaller is better",
+                    Better::NearOne => "nearer to 1 is better",
+                }) }
+            } }
+        }
+    }
+}
+
+/// How results are compared.
+fn ranks() -> Markup {
+    html! {
+        ul {
+            li { "Each case is ranked separately, by the first score of its track; where this score does not separate two results, the next one \
+                decides. Results that no score separates share a rank." }
+            li { "A result is behind another if it is significantly worse (95 %) in a paired test on the same true tracks, particles or nodes, in \
+                1000 bootstrap resamples that are the same for all results." }
+            li { "For errors of found particles, the test counts the particles that one result locates more accurately by more than a tenth of the \
+                median error, so leaving out the worst particles gains nothing." }
+            li { "A result for which a score is undefined is behind all results for which it is defined." }
+            li { "The standing in a track is the mean rank over its cases. A case without a result, or with one that cannot be scored, counts with \
+                the last rank. Scores of different cases are never averaged." }
+        }
+    }
+}
