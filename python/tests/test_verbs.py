@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import warnings
 from pathlib import Path
@@ -146,6 +147,13 @@ def test_release_makes_a_challenge(dataset, tmp_path):
     with pytest.raises(FileExistsError):
         ms.release(dataset, tmp_path / "out")
 
+    open_until = datetime.date(9999, 12, 31)
+    after = ms.release(dataset, tmp_path / "next", val=2, test=2, after=tmp_path / "out", deadline=open_until)
+    assert (after["round"], after["deadline"]) == (2, "9999-12-31")
+    with pytest.raises(ValueError, match="its deadline is 9999-12-31 .*; early publishes"):
+        ms.reveal(tmp_path / "next", tmp_path / "truth")
+    assert ms.reveal(tmp_path / "next", tmp_path / "truth", early=True)["commitment"] == after["commitment"]
+
 
 def test_suites_are_listed_generated_checked_scored(tmp_path):
     listed = ms.suite.list("odpc1", size="smoke")
@@ -163,7 +171,9 @@ def test_suites_are_listed_generated_checked_scored(tmp_path):
     result.mkdir(parents=True)
     test = tmp_path / "smoke" / name / case / "test"
     (result / "results.csv").write_bytes((test / "truth/tracks.csv").read_bytes())
-    scored = ms.suite.score("odpc1", tmp_path / "smoke", tmp_path / "results", tmp_path / "scores", track=name, case=case)
+    results, scores, site = tmp_path / "results", tmp_path / "scores", tmp_path / "site"
+    scored = ms.suite.score("odpc1", tmp_path / "smoke", results, scores, track=name, case=case, site=site)
+    assert (site / "rules.html").is_file()
     assert (tmp_path / "scores").is_dir() and scored
     with pytest.raises(ValueError, match="size = 'huge'"):
         ms.suite.list("odpc1", size="huge")

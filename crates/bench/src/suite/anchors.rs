@@ -60,7 +60,7 @@ struct Given<'a> {
 /// Makes an anchor; `None` if it does not apply to the case.
 type Make = fn(&Given<'_>) -> Option<Points>;
 
-const OF_PARTICLES: [(&str, Against, Make); 13] = [
+const OF_PARTICLES: [(&str, Against, Make); 15] = [
     ("empty", Against::All, |_| Some(Points { has_z: true, ..Points::default() })),
     ("one-row", Against::All, |given| {
         Some(of_rows(vec![TrackRow { track: -1, ..given.truth.rows[0] }], None))
@@ -79,6 +79,8 @@ const OF_PARTICLES: [(&str, Against, Make); 13] = [
     ("answers-around", Against::NotBefore, answers_around),
     ("one-velocity", Against::NotBefore, one_velocity),
     ("constant-claims", Against::NotBefore, constant_claims),
+    ("wide-claims", Against::NotBefore, |given| claims_times(given, 1e3)),
+    ("narrow-claims", Against::NotBefore, |given| claims_times(given, 1e-3)),
 ];
 
 /// Rows with the same axis.
@@ -256,6 +258,13 @@ fn constant_claims(given: &Given<'_>) -> Option<Points> {
         claimed.axes = vec![mean_axis(&given.train); n];
     }
     Some(claimed)
+}
+
+/// The best result with all claimed uncertainties multiplied by a factor.
+fn claims_times(given: &Given<'_>, factor: f64) -> Option<Points> {
+    let (_, points) = given.best.as_ref().filter(|(_, points)| !points.sigma.is_empty())?;
+    let sigma = points.sigma.iter().map(|of| of.map(|u| factor * u)).collect();
+    Some(Points { sigma, ..points.clone() })
 }
 
 /// The anchors of fields: name, what each is compared with, rows.
