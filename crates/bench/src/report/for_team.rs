@@ -56,7 +56,8 @@ pub(crate) fn published(evaluation: &Evaluation, html: bool) -> Result<Vec<(&'st
     let score = redacted(&evaluation.score)?;
     let text = serde_json::to_string_pretty(&score).map_err(|e| Error::input(e.to_string()))?;
     let mut files = vec![(SCORE, text + "\n")];
-    if html && (!score.truth_is_secret || averaged(&evaluation.score) >= FEWEST) {
+    let has_few = evaluation.score.truth_is_secret && averaged(&evaluation.score) < FEWEST;
+    if html && !has_few {
         let evaluation = Evaluation { score, ..evaluation.clone() };
         files.push((REPORT, page::page(&evaluation, false)?));
     }
