@@ -325,25 +325,7 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
     assert!(fail(2, &all).contains("already exists"));
-    // The site of the same scores, also with names that links must escape.
-    let odd = result("50 % #1 ä", "noise_2");
-    std::fs::copy(result("perfect", "noise_2"), &odd).unwrap();
-    let (site, copy) = (place.path().join("site"), place.path().join("copied/to/a server"));
-    run(&[&all[..], &["--force", "--site", path(&site)]].concat());
-    std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
-    std::fs::rename(&site, &copy).unwrap();
-    let linked = check_links(&copy);
-    for page in
-        ["rules.html", "scores/spots/P2/noise_2/report.html", "scores/50 % #1 ä/P2/noise_2/report.html"]
-    {
-        assert!(linked.contains(page), "{page}: {linked:?}");
-    }
-    for (page, expected) in [("index.html", "50 % #1 ä"), ("rules.html", "Ranked by, in this order")] {
-        assert!(std::fs::read_to_string(copy.join(page)).unwrap().contains(expected), "{page}: {expected}");
-    }
-    let scores = |folder: &Path| std::fs::read(folder.join("suite_scores.csv")).unwrap();
-    assert!(scores(&copy) == scores(&out));
-    std::fs::remove_dir_all(odd.ancestors().nth(3).unwrap()).unwrap();
+    check_site(place.path(), &all, (&results, &out));
     // What a participant says about a tracker is on the page.
     let about = results.join("perfect/tracker.json");
     let said =
@@ -381,6 +363,30 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     assert!(message.contains("noise_3/results.csv: the suite has no such case"), "{message}");
     let message = fail(2, &[&all[..], &["--force"]].concat());
     assert!(message.contains("spots/P2/noise_3: track P2 has no such case at size smoke"), "{message}");
+}
+
+/// Writes the site of the scores of `all` in `out`, also with a name that links must escape, moves it, and checks it.
+fn check_site(place: &Path, all: &[&str], (results, out): (&Path, &Path)) {
+    let odd = results.join("50 % #1 ä");
+    std::fs::create_dir_all(odd.join("P2/noise_2")).unwrap();
+    let perfect = results.join("perfect/P2/noise_2/results.csv");
+    std::fs::copy(perfect, odd.join("P2/noise_2/results.csv")).unwrap();
+    let (site, copy) = (place.join("site"), place.join("copied/to/a server"));
+    run(&[all, &["--force", "--site", path(&site)]].concat());
+    std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
+    std::fs::rename(&site, &copy).unwrap();
+    let linked = check_links(&copy);
+    for page in
+        ["rules.html", "scores/spots/P2/noise_2/report.html", "scores/50 % #1 ä/P2/noise_2/report.html"]
+    {
+        assert!(linked.contains(page), "{page}: {linked:?}");
+    }
+    for (page, expected) in [("index.html", "50 % #1 ä"), ("rules.html", "Ranked by, in this order")] {
+        assert!(std::fs::read_to_string(copy.join(page)).unwrap().contains(expected), "{page}: {expected}");
+    }
+    let table = |folder: &Path| std::fs::read(folder.join("suite_scores.csv")).unwrap();
+    assert!(table(&copy) == table(out));
+    std::fs::remove_dir_all(odd).unwrap();
 }
 
 /// Checks that every link of the pages below a folder leads to a file in it, that pages fetch nothing from elsewhere and
