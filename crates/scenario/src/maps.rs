@@ -12,9 +12,7 @@ use super::files::Files;
 use super::language::problems::Problems;
 use super::spec::Sensor;
 
-/// Offset, gain and read noise of every pixel, as measured from dark and flat frames of a scientific CMOS camera
-/// (Huang et al. 2013). Each file is a gray-scale TIFF (32- or 64-bit floating-point, 8 or 16 bit) or a `.npy`
-/// array (f4 or f8, rows and columns) of the image's size, relative to the scenario.
+/// Files with offset, gain and read noise of every pixel, in the conventions of Huang et al. 2013.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Maps {

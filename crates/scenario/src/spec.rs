@@ -411,7 +411,9 @@ pub struct Sensor {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(example = &"background.tif")]
     pub background: Option<String>,
-    /// Offset, gain and read noise of every pixel, from files.
+    /// Offset, gain and read noise of every pixel, as measured for sCMOS cameras: gray-scale TIFF files (also of
+    /// floating-point numbers) or `.npy` arrays (f4 or f8; rows, columns) of the image's size, relative to the
+    /// scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "all pixels are alike"), example = Maps::default())]
     pub maps: Option<Maps>,

@@ -224,7 +224,7 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
 fn expose(sensor: &Sensor, light: &Light, into: &mut Vec<f32>) {
     let show = |(pixel, light): (usize, &f64)| {
         let response = sensor.response(pixel);
-        (response.background + response.slope * light).clamp(0.0, response.saturation_counts) as f32
+        (response.background + response.slope * light).min(response.saturation_counts).max(0.0) as f32
     };
     into.extend(light.values.iter().enumerate().map(show));
 }
