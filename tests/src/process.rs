@@ -47,7 +47,7 @@ pub fn microsig() -> anyhow::Result<PathBuf> {
     if let Some(path) = std::env::var_os("MICROSIG") {
         return Ok(path.into());
     }
-    let build = ["build", "--release", "--quiet", "--package", "bench", "--message-format", "json"];
+    let build = ["build", "--release", "--quiet", "--package", "microsig", "--message-format", "json"];
     // The cargo that runs this task, to avoid a rebuild by another toolchain.
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let output = Command::new(cargo).args(build).stderr(Stdio::inherit()).output()?;

@@ -1,4 +1,4 @@
-//! Cost of advection in CPU time on one core: `cargo run --release -p flows --example bars`.
+//! Cost of advection in CPU time on one core: `cargo run --release -p microsig-flows --example bars`.
 //!
 //! 100,000 particles over 100 frames of 5 ms in a Lamb-Oseen vortex and in 200 Kraichnan modes, without file
 //! output; then every field of the registry, in ns per particle and frame. On Linux the time is the CPU time

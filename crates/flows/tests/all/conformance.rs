@@ -1,6 +1,6 @@
 //! Every field of the registry against its claimed properties, in one table of fields x checks.
 //!
-//! Where a check does not apply to a field, the table gives the reason. `cargo test -p flows --test
+//! Where a check does not apply to a field, the table gives the reason. `cargo test -p microsig-flows --test
 //! all conformance:: -- --nocapture` prints it.
 #![expect(clippy::print_stdout, reason = "the table of fields x checks, for `--nocapture`")]
 

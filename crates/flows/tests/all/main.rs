@@ -1,4 +1,4 @@
-//! Integration tests, one file per subject, in one binary: `cargo test -p flows --test all NAME::` runs one of them.
+//! Integration tests, one file per subject, in one binary: `cargo test -p microsig-flows --test all NAME::` runs one of them.
 
 mod cloud;
 mod compositions;

@@ -130,7 +130,7 @@ pub fn of_scenario(
 }
 
 impl Crlb {
-    /// With the bound of axes: of true spheroids (depth in um, axis), of which a sample is taken, and the median angle of
+    /// With the bound of axes: of true spheroids and their depths (um), of which a sample is taken, and the median angle of
     /// those that are found.
     ///
     /// # Errors
@@ -138,13 +138,15 @@ impl Crlb {
     pub fn with_axes(
         self,
         scenario: &Scenario,
-        spheroids: &[(f64, [f64; 3])],
+        spheroids: &[(f64, Spheroid)],
         median_deg: Option<f64>,
     ) -> Result<Self> {
-        let Some(shape) = scenario.spec.particles.spheroids else { return Ok(self) };
+        if spheroids.is_empty() {
+            return Ok(self);
+        }
         let bounds = SpheroidBounds::new(scenario, self.d_um)?;
         let sample: Vec<_> = spheroids.iter().step_by(spheroids.len().div_ceil(SAMPLE).max(1)).collect();
-        let of = |(z_um, axis): &&(f64, [f64; 3])| bounds.at(*z_um, Spheroid::from_axis(shape.e_p, *axis));
+        let of = |(z_um, spheroid): &&(f64, Spheroid)| bounds.at(*z_um, *spheroid);
         let found = sample.par_iter().map(of).collect::<Result<Vec<_>>>()?;
         let mut angles: Vec<f64> = found.into_iter().flatten().map(|bound| bound.axis_deg).collect();
         angles.sort_unstable_by(f64::total_cmp);

@@ -36,6 +36,8 @@ pub struct TrueParticles {
     pub velocity_um_s: Vec<[f64; 3]>,
     /// Symmetry axis of each spheroid, NaN for spheres; empty if there are no spheroids.
     pub axes: Vec<[f64; 3]>,
+    /// Polar over equatorial diameter of each particle, as long as `axes`; empty for a bare table.
+    pub aspects: Vec<f64>,
     /// Time of each frame, s; empty if unknown.
     pub times_s: BTreeMap<u32, f64>,
     /// Diameter (um) and brightness of each particle; empty for a bare table.
@@ -53,11 +55,12 @@ const PROPERTIES: [&str; 2] = ["snr", "overlap"];
 const LARGEST_PROPERTY: f64 = 1e12;
 
 impl TrueParticles {
-    /// Depth (um) and axis of the visible spheroids.
-    pub(super) fn spheroids(&self) -> Vec<(f64, [f64; 3])> {
-        let rows = self.rows.iter().zip(&self.axes).zip(&self.visible);
-        let seen = rows.filter(|((_, axis), visible)| **visible && axis[0].is_finite());
-        seen.map(|((row, axis), _)| (row.at.z_um, *axis)).collect()
+    /// The visible spheroids, with their depths (um).
+    pub(super) fn spheroids(&self) -> Vec<(f64, Spheroid)> {
+        let shapes = self.axes.iter().zip(&self.aspects).zip(&self.visible);
+        let seen =
+            self.rows.iter().zip(shapes).filter(|(_, ((axis, _), visible))| **visible && axis[0].is_finite());
+        seen.map(|(row, ((axis, e_p), _))| (row.at.z_um, Spheroid::from_axis(*e_p, *axis))).collect()
     }
 
     /// Reads the truth of a dataset, or a bare table of particles.
@@ -212,7 +215,7 @@ impl TrueParticles {
     fn without_spheres(&mut self) {
         if self.axes.iter().all(|axis| axis[0].is_nan()) {
             // Not `clear`, which keeps the memory.
-            self.axes = Vec::new();
+            (self.axes, self.aspects) = (Vec::new(), Vec::new());
         }
     }
 
@@ -321,6 +324,7 @@ impl Rows {
         if columns.axes {
             let spheroid = Spheroid { e_p: 1.0, alpha_rad: row.alpha_rad, beta_rad: row.beta_rad };
             truth.axes.push(if row.e_p == 1.0 { [f64::NAN; 3] } else { spheroid.axis() });
+            truth.aspects.push(row.e_p);
         }
         for (name, values) in &mut truth.properties {
             values.push(property(name, if *name == PROPERTIES[0] { row.snr } else { row.overlap })?);
