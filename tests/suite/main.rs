@@ -4,6 +4,7 @@
 mod anchors;
 mod baselines;
 mod boxes;
+mod camera;
 mod campaigns;
 mod centroid;
 mod challenge;

@@ -13,6 +13,7 @@ mod illumination;
 mod language;
 pub mod license;
 mod load;
+mod maps;
 mod motion;
 mod optics;
 pub mod particles;

@@ -3,11 +3,12 @@
 use microsig_core::Settings;
 use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::waves::Lens;
-use microsig_core::sensor::{Detector, ImageFormat, NoiseRounding, Response, Sensor};
+use microsig_core::sensor::{Detector, ImageFormat, NoiseRounding, PixelMaps, Response, Sensor};
 use microsig_core::stream::Streams;
 
 use super::files::Files;
 use super::language::problems::Problems;
+use super::maps;
 use super::spec::{self, Preset};
 use storage::error::Result;
 
@@ -111,13 +112,20 @@ fn cylinder(settings: &Settings, moved_um: f64) -> Option<f64> {
 }
 
 /// Response of the camera, or of MicroSIG's own sensor, to light at the image center, without fixed-pattern
-/// noise; a background image is replaced by its mean.
+/// noise; a background image and the maps of pixels are replaced by their means.
 pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Result<Response> {
     let pixel = Settings { pixel_dim_x: 1, pixel_dim_y: 1, ..settings.clone() };
     let uniform = detector.map(|detector| {
         let mean = |counts: &Vec<f64>| vec![counts.iter().sum::<f64>() / counts.len() as f64];
         let background = detector.background.as_ref().map(mean);
-        Detector { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, background, ..detector.clone() }
+        Detector {
+            prnu: 0.0,
+            dsnu_e: 0.0,
+            hot_pixels: None,
+            background,
+            maps: PixelMaps::default(),
+            ..detector.clone()
+        }
     });
     Ok(sensor(&pixel, uniform.as_ref(), ImageFormat::Integer, &Streams::new(0))?.response(0))
 }
@@ -149,7 +157,8 @@ pub(super) fn default_background_noise(
 ) {
     let Some(sensor) = sensor else { return };
     let noise = *optics.background_noise.get_or_insert(0.0);
-    if noise > 0.0 && (sensor.shot_noise || sensor.read_noise_e > 0.0) {
+    let reads = sensor.read_noise_e > 0.0 || sensor.maps.as_ref().is_some_and(|maps| maps.variance.is_some());
+    if noise > 0.0 && (sensor.shot_noise || reads) {
         warnings.push(format!(
             "optics.background_noise = {noise} counts is added to the noise of the camera in `sensor`; omit \
              it to use the camera's noise only"
@@ -176,7 +185,7 @@ pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Optio
     ))
 }
 
-/// Builds the camera and reads its background image.
+/// Builds the camera and reads its background image and maps.
 pub(super) fn detector(
     sensor: &mut spec::Sensor,
     settings: Option<&Settings>,
@@ -195,7 +204,11 @@ pub(super) fn detector(
             Some(counts)
         }
     };
-    let detector = sensor.detector(background);
+    let maps = match settings {
+        Some(settings) => maps::read(sensor, settings, files, problems)?,
+        None => PixelMaps::default(),
+    };
+    let detector = sensor.detector(background, maps);
     let checked = detector.validate(settings.unwrap_or(&Settings::setting1()));
     problems.of("sensor", checked).map(|()| detector)
 }

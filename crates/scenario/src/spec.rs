@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::{Lens, WaveOptics};
 use microsig_core::render::{GaussianSpot, RenderMethod, RendererSpec};
-use microsig_core::sensor::{self, Detector, ImageFormat};
+use microsig_core::sensor::{self, Detector, ImageFormat, PixelMaps};
 use microsig_core::{KEYS, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -22,6 +22,7 @@ pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfil
 use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;
+pub use super::maps::Maps;
 pub use super::motion::{FieldPlacement, Flow, Motion, Tracks, Walls};
 pub use super::particles::{
     Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
@@ -410,6 +411,12 @@ pub struct Sensor {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(example = &"background.tif")]
     pub background: Option<String>,
+    /// Offset, gain and read noise of every pixel, as measured for sCMOS cameras: gray-scale TIFF files (also of
+    /// floating-point numbers) or `.npy` arrays (f4 or f8; rows, columns) of the image's size, relative to the
+    /// scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "all pixels are alike"), example = Maps::default())]
+    pub maps: Option<Maps>,
 }
 
 /// JSON has no infinite numbers: `null` represents infinity.
@@ -435,14 +442,15 @@ impl Default for Sensor {
             hot_pixels: None,
             vignetting: d.vignetting,
             background: None,
+            maps: None,
         }
     }
 }
 
 impl Sensor {
-    /// The detector, with the counts of its background image.
-    pub fn detector(&self, background: Option<Vec<f64>>) -> Detector {
-        Detector {
+    /// The detector, with the counts of its background image and its maps.
+    pub fn detector(&self, background: Option<Vec<f64>>, maps: PixelMaps) -> Detector {
+        let alike = Detector {
             photons_per_count: self.photons_per_count,
             quantum_efficiency: self.quantum_efficiency,
             shot_noise: self.shot_noise,
@@ -457,7 +465,9 @@ impl Sensor {
             hot_pixels: self.hot_pixels.map(|h| sensor::HotPixels { fraction: h.fraction, dark_e: h.dark_e }),
             vignetting: self.vignetting,
             background,
-        }
+            maps: PixelMaps::default(),
+        };
+        alike.with_maps(maps)
     }
 }
 

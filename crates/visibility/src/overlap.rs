@@ -134,12 +134,12 @@ impl Visibility {
         }
         let at =
             patch.rows(width).find_map(|(first, light)| Some(first + light.iter().position(|l| *l == peak)?));
-        let end = sensor.saturation_counts();
-        let saturated = sensor.may_reach(end, brightest)
+        let saturated = sensor.may_reach(sensor.saturation_counts(), brightest)
             && patch.rows(width).any(|(first, light)| {
                 light.iter().enumerate().any(|(i, l)| {
                     let response = sensor.response(first + i);
-                    *l > AREA_SHARE * peak && response.background + response.slope * total[first + i] >= end
+                    let counts = response.background + response.slope * total[first + i];
+                    *l > AREA_SHARE * peak && counts >= response.saturation_counts
                 })
             });
         let response = sensor.response(at.unwrap_or_default());

@@ -82,7 +82,7 @@ pub(super) fn crop(scenario: &Scenario, particle: &Particle) -> Result<Value> {
             let index = ((row - 1) * width + column - 1) as usize;
             let response = sensor.response(index);
             let mean = response.background + response.slope * light.values[index];
-            counts.push((mean.min(sensor.saturation_counts()) * 100.0).round() / 100.0);
+            counts.push((mean.min(response.saturation_counts) * 100.0).round() / 100.0);
         }
     }
     let size = (right - left + 1, bottom - top + 1);

@@ -1,18 +1,16 @@
 //! NumPy arrays, in the format of `numpy.lib.format`.
 
 use super::{GridGeometry, VelocityGrid, fault, nodes};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use glam::DVec3;
-use std::io::{Error as IoError, ErrorKind, Read};
-
-/// Maximum header length of a `.npy` file, bytes: the limit of version 1 of the format.
-const MAX_NPY_HEADER: u32 = 65_535;
+use microsig_core::formats::npy::{Header, Refused};
+use std::io::Read;
 
 impl VelocityGrid {
     /// Reads a NumPy array of floats (f4 or f8, C or Fortran order) of the shape (z, y, x, 3) or, with
     /// several times, (time, z, y, x, 3), in um/s. `Err` if type, shape or values are not allowed.
     pub fn from_npy(mut source: impl Read, geometry: &GridGeometry) -> Result<Self> {
-        let header = Header::read(&mut source)?;
+        let header = Header::read(&mut source).map_err(refused)?;
         let shape = &header.shape;
         let timed = shape.len() == 5;
         if !(4..=5).contains(&shape.len()) || shape.last() != Some(&3) {
@@ -38,7 +36,7 @@ impl VelocityGrid {
             ));
         }
         let nodes = nodes(&counts, layers)?;
-        let numbers = header.numbers(source, 3 * nodes)?;
+        let numbers = header.numbers(source, 3 * nodes).map_err(refused)?;
         let [nx, ny, nz] = counts;
         let at = |node: usize, component: usize| {
             if !header.fortran_order {
@@ -57,89 +55,8 @@ impl VelocityGrid {
     }
 }
 
-/// The dictionary at the start of a file.
-#[derive(Debug, PartialEq)]
-struct Header {
-    /// Type of the numbers: byte order, kind and size, such as `<f8`.
-    descr: String,
-    fortran_order: bool,
-    shape: Vec<u64>,
-}
-
-impl Header {
-    fn read(source: &mut impl Read) -> Result<Self> {
-        let mut start = [0; 10];
-        source.read_exact(&mut start).map_err(|e| broken(&e))?;
-        let [0x93, b'N', b'U', b'M', b'P', b'Y', version, _, a, b] = start else {
-            return Err(broken(&IoError::new(ErrorKind::InvalidData, "no magic string of NumPy")));
-        };
-        let length = if version < 2 {
-            u32::from(u16::from_le_bytes([a, b]))
-        } else {
-            let mut rest = [0; 2];
-            source.read_exact(&mut rest).map_err(|e| broken(&e))?;
-            u32::from_le_bytes([a, b, rest[0], rest[1]])
-        };
-        if length > MAX_NPY_HEADER {
-            let allowed = format!("at most {MAX_NPY_HEADER}");
-            return Err(fault("npy", None, format!("a header of {length} bytes"), &allowed));
-        }
-        let mut text = vec![0; length as usize];
-        source.read_exact(&mut text).map_err(|e| broken(&e))?;
-        let text = String::from_utf8_lossy(&text);
-        let expected = "{'descr': '<f8', 'fortran_order': False, 'shape': (...), }";
-        Header::parse(&text)
-            .ok_or_else(|| fault("npy", None, format!("the header {:?}", text.trim()), expected))
-    }
-
-    fn parse(text: &str) -> Option<Self> {
-        let value = |key: &str| Some(text.split_once(&format!("'{key}':"))?.1.trim_start());
-        let shape = value("shape")?.strip_prefix('(')?.split_once(')')?.0;
-        Some(Header {
-            descr: value("descr")?.strip_prefix('\'')?.split_once('\'')?.0.to_owned(),
-            fortran_order: match value("fortran_order")? {
-                flag if flag.starts_with("True") => true,
-                flag if flag.starts_with("False") => false,
-                _ => return None,
-            },
-            // Python 2 writes long integers with an L.
-            shape: (shape.split(',').map(|n| n.trim().trim_end_matches('L')))
-                .filter(|n| !n.is_empty())
-                .map(|n| n.parse().ok())
-                .collect::<Option<_>>()?,
-        })
-    }
-
-    /// Reads the numbers that follow; `Err` unless there are exactly `n` of them.
-    fn numbers(&self, source: impl Read, n: usize) -> Result<Vec<f64>> {
-        let size = match &*self.descr {
-            "<f8" | ">f8" => 8,
-            "<f4" | ">f4" => 4,
-            other => return Err(fault("npy", None, format!("the type {other}"), "f4 or f8")),
-        };
-        let mut bytes = Vec::new();
-        source.take((size * n + 1) as u64).read_to_end(&mut bytes).map_err(|e| broken(&e))?;
-        if bytes.len() != size * n {
-            let found = if bytes.len() > size * n { "more" } else { "fewer" };
-            return Err(fault(
-                "npy",
-                None,
-                format!("{found} numbers than its shape requires"),
-                &n.to_string(),
-            ));
-        }
-        if self.descr.starts_with('>') {
-            bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
-        }
-        Ok(match size {
-            8 => bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect(),
-            _ => bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b).into()).collect(),
-        })
-    }
-}
-
-fn broken(error: &IoError) -> crate::error::Error {
-    fault("npy", None, error.to_string(), "a NumPy array")
+fn refused(Refused { found, expected }: Refused) -> Error {
+    fault("npy", None, found, &expected)
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use dataset::manifest::PlaceFacts;
 use dataset::rows::{PLACES, SIZES};
 use dataset::{CalibrationRow, Row, Table, write_table};
 use microsig_core::formats::{data_file, settings_file};
-use microsig_core::sensor::{Detector, Image, Sensor};
+use microsig_core::sensor::{Image, Sensor};
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
@@ -119,16 +119,6 @@ fn central(whole: &Settings, part: &Settings) -> [u32; 2] {
     [(whole.pixel_dim_x - part.pixel_dim_x) / 2, (whole.pixel_dim_y - part.pixel_dim_y) / 2]
 }
 
-/// The detector with its background image cropped to the stack's sensor, from this corner on.
-fn cropped(detector: &Detector, whole: &Settings, part: &Settings, [left, top]: [u32; 2]) -> Detector {
-    let background = detector.background.as_ref().map(|counts| {
-        let rows =
-            counts.chunks(whole.pixel_dim_x as usize).skip(top as usize).take(part.pixel_dim_y as usize);
-        rows.flat_map(|row| row[left as usize..(left + part.pixel_dim_x) as usize].iter().copied()).collect()
-    });
-    Detector { background, ..detector.clone() }
-}
-
 /// The calibration stacks of a scenario, before they are rendered.
 #[derive(Debug)]
 pub struct CalibrationStack {
@@ -175,7 +165,7 @@ impl CalibrationStack {
         let detector = scenario
             .detector
             .as_ref()
-            .map(|detector| cropped(detector, &scenario.settings, &settings, corner));
+            .map(|detector| detector.cropped(&scenario.settings, &settings, corner));
         let renderer = scenario.spec.renderer().build(&settings, &context())?;
         let camera = Camera::of_dataset(scenario, renderer, detector.as_ref())?.calibrating();
         let (x_px, y_px) = (f64::from(settings.pixel_dim_x / 2 + 1), f64::from(settings.pixel_dim_y / 2 + 1));
@@ -209,7 +199,7 @@ impl CalibrationStack {
                 along(place.y_px, settings.pixel_dim_y, whole.pixel_dim_y),
             ];
             let detector =
-                scenario.detector.as_ref().map(|detector| cropped(detector, whole, &settings, corner));
+                scenario.detector.as_ref().map(|detector| detector.cropped(whole, &settings, corner));
             let sensor =
                 sensor(&settings, detector.as_ref(), scenario.spec.image_format(), &scenario.streams)?;
             let (x_px, y_px) = (place.x_px - f64::from(corner[0]), place.y_px - f64::from(corner[1]));

@@ -222,10 +222,9 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
 
 /// Appends the counts for the given light, without noise and before rounding.
 fn expose(sensor: &Sensor, light: &Light, into: &mut Vec<f32>) {
-    let most = sensor.saturation_counts();
     let show = |(pixel, light): (usize, &f64)| {
         let response = sensor.response(pixel);
-        (response.background + response.slope * light).clamp(0.0, most) as f32
+        (response.background + response.slope * light).min(response.saturation_counts).max(0.0) as f32
     };
     into.extend(light.values.iter().enumerate().map(show));
 }

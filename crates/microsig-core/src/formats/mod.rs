@@ -1,7 +1,8 @@
-//! File formats: MicroSIG's settings and particle data, and gray TIFF images. All functions take readers and
-//! writers, not paths.
+//! File formats: MicroSIG's settings and particle data, gray TIFF images, and NumPy arrays. All functions take
+//! readers and writers, not paths.
 
 pub mod data_file;
+pub mod npy;
 pub mod number;
 pub mod pages;
 pub mod settings_file;

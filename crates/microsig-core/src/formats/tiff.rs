@@ -139,7 +139,7 @@ pub fn size(reader: impl BufRead + Seek, name: &str) -> Result<(u32, u32), Error
 }
 
 /// Reads the only gray image of a file, of the given size (width, height in px) and of 8 or 16 bit or of
-/// finite 32-bit floating-point numbers, as counts, row by row; `name` is the name of the input in errors.
+/// finite floating-point numbers, as counts, row by row; `name` is the name of the input in errors.
 ///
 /// # Errors
 /// [`Error::Malformed`] if the input is not such an image.
@@ -182,7 +182,8 @@ pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) ->
         DecodingResult::U8(counts) => Counts::Whole(counts.into_iter().map(u16::from).collect()),
         DecodingResult::U16(counts) => Counts::Whole(counts),
         DecodingResult::F32(counts) => Counts::Unrounded(counts),
-        _ => return Err(refuse("expected gray counts of 8, 16 or 32 (floating-point) bit".to_owned())),
+        DecodingResult::F64(counts) => Counts::Unrounded(counts.into_iter().map(|c| c as f32).collect()),
+        _ => return Err(refuse("expected gray counts of 8 or 16 bit, or floating-point numbers".to_owned())),
     };
     let pixels = size.0 as usize * size.1 as usize;
     if counts.len() != pixels {
@@ -190,7 +191,8 @@ pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) ->
     }
     if let Some(at) = counts.values().position(|count| !count.is_finite()) {
         let (column, row) = (at % size.0 as usize + 1, at / size.0 as usize + 1);
-        return Err(refuse(format!("column {column}, row {row} is not finite: expected counts")));
+        let count = counts.values().nth(at).unwrap_or_default();
+        return Err(refuse(format!("{count} in column {column}, row {row}: expected a finite number")));
     }
     let mut pages = 1;
     while decoder.more_images() && pages < MAX_PAGES {
@@ -247,7 +249,7 @@ mod tests {
         assert_eq!(read(unrounded(counts.clone())).unwrap(), Counts::Unrounded(counts.clone()));
         assert_eq!(read(unrounded(counts)).unwrap().whole(), vec![0, 0, 0, 351, 65_535, 65_535]);
         let message = read(unrounded(vec![0.0, 1.0, 2.0, 3.0, f32::NAN, 0.0])).unwrap_err().to_string();
-        assert_eq!(message, "i.tif: column 2, row 2 is not finite: expected counts");
+        assert_eq!(message, "i.tif: NaN in column 2, row 2: expected a finite number");
     }
 
     #[test]

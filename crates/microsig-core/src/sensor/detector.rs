@@ -5,11 +5,13 @@
 //! to electrons, to which dark electrons are added; the number of electrons is Poisson-distributed (shot
 //! noise). Read noise is added, the sum is limited to the full-well capacity, the system gain converts it to
 //! counts, the offset is added, and the result is rounded and clamped to the bit depth. MicroSIG's
-//! `background_mean` is treated as light; its `background_noise` is added to the counts.
+//! `background_mean` is treated as light; its `background_noise` is added to the counts. Offset, gain and read
+//! noise are the same for all pixels, or those of [`PixelMaps`].
 //!
 //! All effects are off in [`Detector::default`]: one photon per count, one electron per photon, no noise, 16
 //! bit.
 
+use super::maps::{Electronics, PixelMaps};
 use crate::error::{Error, Fault};
 use crate::random::{normal, poisson};
 use crate::settings::Settings;
@@ -47,6 +49,8 @@ pub struct Detector {
     pub vignetting: f64,
     /// Counts added to the ideal image, one value per pixel, row by row.
     pub background: Option<Vec<f64>>,
+    /// Offset, gain and read noise of pixels that have their own, see [`Detector::with_maps`].
+    pub maps: PixelMaps,
 }
 
 /// Hot pixels: a random subset of the pixels with a large dark signal.
@@ -75,6 +79,7 @@ impl Default for Detector {
             hot_pixels: None,
             vignetting: 0.0,
             background: None,
+            maps: PixelMaps::default(),
         }
     }
 }
@@ -122,21 +127,29 @@ impl Detector {
             let mean = background.iter().sum::<f64>() / pixels as f64;
             check("mean of the background", mean, !fits || mean >= 0.0, "0 counts or more");
         }
+        faults.extend(self.maps.faults(settings));
         if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
     }
 
     /// Counts, before rounding, of a pixel with `ideal` counts in the ideal image.
-    pub(super) fn respond(&self, ideal: f64, pixel: PixelResponse, stream: &mut Stream) -> f64 {
+    pub(super) fn respond(
+        &self,
+        ideal: f64,
+        pixel: PixelResponse,
+        electronics: Electronics,
+        stream: &mut Stream,
+    ) -> f64 {
+        let Electronics { offset_counts, gain_counts_per_e, read_noise_e } = electronics;
         let photons = (ideal + pixel.background).max(0.0) * self.photons_per_count;
         let mean = (photons * self.quantum_efficiency * pixel.sensitivity + pixel.dark_e).max(0.0);
         let mut electrons = mean;
         if self.shot_noise {
             electrons = fluctuating(mean, stream);
         }
-        if self.read_noise_e > 0.0 {
-            electrons += self.read_noise_e * normal(stream);
+        if read_noise_e > 0.0 {
+            electrons += read_noise_e * normal(stream);
         }
-        electrons.min(self.full_well_e) * self.gain_counts_per_e + self.offset_counts
+        electrons.min(self.full_well_e) * gain_counts_per_e + offset_counts
     }
 }
 

@@ -9,6 +9,7 @@
 
 mod detector;
 mod image;
+mod maps;
 mod normal_steps;
 #[cfg(target_arch = "x86_64")]
 mod registers;
@@ -17,6 +18,7 @@ mod rounded_normal;
 
 pub use detector::{Detector, HotPixels};
 pub use image::{Counts, Image, ImageFormat};
+pub use maps::{PixelMap, PixelMaps, PixelQuantity};
 pub use response::Response;
 pub use rounded_normal::RoundedNormal;
 
@@ -206,8 +208,9 @@ impl Sensor {
             let largest = f64::from((1u32 << detector.bits) - 1);
             for (column, (count, value)) in counts.iter_mut().zip(values).enumerate() {
                 let ideal = self.gain * value + self.background_mean;
-                let pixel = pattern.at(row * values.len() + column);
-                let level = detector.respond(ideal, pixel, &mut stream);
+                let index = row * values.len() + column;
+                let (pixel, electronics) = (pattern.at(index), detector.electronics(index));
+                let level = detector.respond(ideal, pixel, electronics, &mut stream);
                 let noise = match &self.noise {
                     None => 0.0,
                     Some(Noise::Rounded(law)) => f64::from(law.sample(stream.next_u32())),

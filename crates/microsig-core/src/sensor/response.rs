@@ -15,6 +15,9 @@ pub struct Response {
     pub background: f64,
     /// Standard deviation of the counts without particles, before rounding; 0 without noise.
     pub background_noise: f64,
+    /// The counts at which the pixel saturates: full well or top of the scale, whichever is lower. Images of
+    /// unrounded counts have no top of the scale; without a full well, the result is infinite.
+    pub saturation_counts: f64,
 }
 
 impl Sensor {
@@ -25,21 +28,23 @@ impl Sensor {
                 slope: self.gain,
                 background: self.background_mean,
                 background_noise: self.background_noise,
+                saturation_counts: self.saturation_counts(),
             };
         };
-        let pixel = pattern.at(index);
+        let (pixel, own) = (pattern.at(index), detector.electronics(index));
         let electrons_per_count =
             detector.photons_per_count * detector.quantum_efficiency * pixel.sensitivity;
         let ideal = (self.background_mean + pixel.background).max(0.0);
         let electrons = ideal * electrons_per_count + detector.dark_e;
         let shot = if detector.shot_noise { electrons } else { 0.0 };
-        let variance_e = shot + detector.read_noise_e * detector.read_noise_e;
-        let of_camera = detector.gain_counts_per_e * detector.gain_counts_per_e * variance_e;
+        let variance_e = shot + own.read_noise_e * own.read_noise_e;
+        let of_camera = own.gain_counts_per_e * own.gain_counts_per_e * variance_e;
         Response {
-            slope: self.gain * electrons_per_count * detector.gain_counts_per_e,
-            background: electrons.min(detector.full_well_e) * detector.gain_counts_per_e
-                + detector.offset_counts,
+            slope: self.gain * electrons_per_count * own.gain_counts_per_e,
+            background: electrons.min(detector.full_well_e) * own.gain_counts_per_e + own.offset_counts,
             background_noise: libm::sqrt(of_camera + self.background_noise * self.background_noise),
+            saturation_counts: self
+                .end(detector.bits, detector.full_well_e * own.gain_counts_per_e + own.offset_counts),
         }
     }
 
@@ -50,12 +55,17 @@ impl Sensor {
         self.detector.is_some() || of_all.background + of_all.slope * light >= counts
     }
 
-    /// The counts at which a pixel saturates: full well or top of the scale, whichever is lower. Images of
-    /// unrounded counts have no top of the scale; without a full well, the result is infinite.
+    /// The counts at which a pixel saturates whose offset and gain are the means of all pixels, see
+    /// [`Response::saturation_counts`].
     pub fn saturation_counts(&self) -> f64 {
         let (bits, well) = self.detector.as_ref().map_or((16, f64::INFINITY), |(detector, _)| {
             (detector.bits, detector.full_well_e * detector.gain_counts_per_e + detector.offset_counts)
         });
+        self.end(bits, well)
+    }
+
+    /// The largest count of an image of this bit depth from pixels with a full well of `well` counts.
+    fn end(&self, bits: u8, well: f64) -> f64 {
         match self.format {
             ImageFormat::Integer => f64::from((1u32 << bits) - 1).min(well),
             ImageFormat::Float32 => well,
