@@ -21,7 +21,7 @@ OPTICS = {
     "rays": ("preset: setting1", "mode: expected, spheroids: uniform", (-60.0, 10.0)),
     "rays, cylinder": ("preset: setting1, cyl_focal_length: 4000", "mode: expected, spheroids: uniform", (-60.0, 10.0)),
     "waves": ("preset: setting1, lens: aplanatic", "mode: waves, wavelength_um: 0.52", (-30.0, 30.0)),
-    "waves, cylinder": ("preset: setting1, lens: aplanatic, cylinder: planes(apart_um: 20, growth: 1)", "mode: waves, wavelength_um: 0.52", (-30.0, 30.0)),
+    "waves, cylinder": ("preset: setting1, lens: aplanatic, cylinder: planes(apart_um: 20, growth: 1.1)", "mode: waves, wavelength_um: 0.52", (-30.0, 30.0)),
 }
 
 
