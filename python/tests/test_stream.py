@@ -241,7 +241,7 @@ def test_shapes_are_those_of_the_truth():
     sample = drawn[2]
     assert sample["shapes"].shape == (len(sample["mask"]), 4)
     tracks = ms.generate(drawn.scenario(2)).tracks
-    first = np.asarray(tracks["frame"]) == 0
+    first = (np.asarray(tracks["frame"]) == 0) & (np.asarray(tracks["visible"]) == 1)
     a, b = (np.asarray(tracks[name])[first] for name in ("alpha_rad", "beta_rad"))
     axes = np.stack([np.sin(a) * np.sin(b), np.cos(b), -np.cos(a) * np.sin(b)], axis=1)
     particles = sample["particles"][sample["mask"]]
