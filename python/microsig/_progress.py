@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, Union
 
-#: What is told the progress: True for a bar, a callable of (what, done, total), or tqdm (the class or a bar).
+#: Receiver of progress reports: True for a bar, a callable of (what, done, total), or tqdm (the class or a bar).
 Progress = Union[bool, Callable[..., Any]]
 
 
@@ -59,6 +59,6 @@ def shown(progress: Any) -> bool | Callable[[str, int, int], Any]:
     if hasattr(progress, "update") and (isinstance(progress, type) or hasattr(progress, "n")):
         return _Tqdm(progress)
     if callable(progress):
-        told: Callable[[str, int, int], Any] = progress
-        return told
+        receiver: Callable[[str, int, int], Any] = progress
+        return receiver
     raise TypeError(f"progress = {progress!r}: expected True, False, a callable of (what, done, total), or tqdm")

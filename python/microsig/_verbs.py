@@ -305,7 +305,7 @@ class Optics:
 def optics(scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None) -> Optics:
     """Predict particle images of a scenario's optics over depth, as ``microsig optics`` does: focus, size, light.
 
-    Arguments and errors are those of :func:`generate`; doubts about the optics are warnings.
+    Arguments and errors are those of :func:`generate`; implausible optics cause warnings.
     """
     result, text, svg, warned = _microsig.optics(_scenario.text(scenario, seed, set))
     for warning in warned:

@@ -70,13 +70,13 @@ pub(crate) enum OnInterrupt {
     Wait,
 }
 
-/// Who is told the progress of work.
+/// Receiver of progress reports.
 #[derive(FromPyObject)]
 pub(crate) enum Show<'py> {
-    /// Bars on standard error if it is a terminal, or nobody.
+    /// Bars on standard error if it is a terminal, or none.
     Terminal(bool),
     /// A callable of what is made (text), how many are done, and how many there are (0: unknown).
-    Told(Bound<'py, PyAny>),
+    Callable(Bound<'py, PyAny>),
 }
 
 impl From<bool> for Show<'_> {
@@ -86,9 +86,9 @@ impl From<bool> for Show<'_> {
 }
 
 impl Show<'_> {
-    /// Tells the progress, if it changed.
-    fn tell(&self, watched: &Watched, last: &mut Option<(String, u64, u64)>) -> PyResult<()> {
-        let Show::Told(callable) = self else { return Ok(()) };
+    /// Calls the callable if the progress changed.
+    fn report(&self, watched: &Watched, last: &mut Option<(String, u64, u64)>) -> PyResult<()> {
+        let Show::Callable(callable) = self else { return Ok(()) };
         let now = watched.now();
         if now.is_some() && now != *last {
             last.clone_from(&now);
@@ -98,7 +98,7 @@ impl Show<'_> {
     }
 }
 
-/// Does some work while signals are handled; `show` is told its progress.
+/// Does some work while signals are handled, and reports its progress to `show`.
 pub(crate) fn run<'s, T: Send + 'static>(
     py: Python<'_>,
     show: impl Into<Show<'s>>,
@@ -106,11 +106,11 @@ pub(crate) fn run<'s, T: Send + 'static>(
     work: impl FnOnce(&Progress) -> storage::Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let (pool, stop, cancellation) = (pool(py)?, Stop::default(), Cancellation::default());
-    let (show, watched, mut told) = (show.into(), Watched::default(), None);
+    let (show, watched, mut reported) = (show.into(), Watched::default(), None);
     let shown = match &show {
         Show::Terminal(true) if std::io::stderr().is_terminal() => Progress::Bar,
         Show::Terminal(_) => Progress::Hidden,
-        Show::Told(_) => Progress::Watched(watched.clone()),
+        Show::Callable(_) => Progress::Watched(watched.clone()),
     };
     let progress = Progress::Stoppable(stop.clone(), Box::new(shown));
     let (sender, receiver) = mpsc::channel();
@@ -133,7 +133,7 @@ pub(crate) fn run<'s, T: Send + 'static>(
     loop {
         match next(TICK) {
             Ok(Ok(result)) => {
-                show.tell(&watched, &mut told)?;
+                show.report(&watched, &mut reported)?;
                 return result.map_err(raise);
             }
             Ok(Err(panic)) => return Err(defect(panic.as_ref())),
@@ -141,8 +141,8 @@ pub(crate) fn run<'s, T: Send + 'static>(
                 return Err(PyRuntimeError::new_err("the thread that worked has ended"));
             }
             Err(mpsc::RecvTimeoutError::Timeout) => {
-                let told = py.check_signals().and_then(|()| show.tell(&watched, &mut told));
-                if let Err(signal) = told {
+                let heard = py.check_signals().and_then(|()| show.report(&watched, &mut reported));
+                if let Err(signal) = heard {
                     stop.stop();
                     cancellation.cancel();
                     while on_interrupt == OnInterrupt::Wait

@@ -54,7 +54,7 @@ pub(super) fn read(
     let offset = ("offset_counts", sensor.offset_counts, none.offset_counts);
     let gain = ("gain_counts_per_e", sensor.gain_counts_per_e, none.gain_counts_per_e);
     let noise = ("read_noise_e", sensor.read_noise_e, none.read_noise_e);
-    // Each is read even if another cannot be, so that all problems are told.
+    // Each is read even if another cannot be, so that all problems are reported at once.
     let offset_counts = read("offset", &mut maps.offset, PixelQuantity::Offset, offset);
     let gain_counts_per_e = read("gain", &mut maps.gain, PixelQuantity::Gain, gain);
     let variance_counts2 = read("variance", &mut maps.variance, PixelQuantity::Variance, noise);

@@ -16,7 +16,7 @@ use super::job::Job;
 use super::locate::{self, Locator};
 use super::mle::{self, OfSpheroids};
 use super::output::Output;
-use super::shape_templates::{FUNCTIONS, ShapeTemplates, axes, functions};
+use super::shape_templates::{FUNCTIONS, ShapeTemplates, axes, functions, mirrored};
 use super::spheroids::{BRIGHTNESS, LEAST_SIGNIFICANCE, TEMPLATE_ERROR};
 use super::{Localization, ShapeEstimate};
 use storage::error::Result;
@@ -232,8 +232,7 @@ impl Match {
         let mut starts: Vec<usize> = (0..all.len()).filter(is_maximum).collect();
         starts.sort_by(|a, b| value(*b).total_cmp(&value(*a)));
         // A tilt resembles a shift, so that toward the lens may be taken for that away from it before both are refined.
-        let mirrored =
-            |shape: Shape| Shape { axis: DVec3::new(shape.axis.x, shape.axis.y, -shape.axis.z), ..shape };
+        let mirrored = |shape: Shape| Shape { axis: mirrored(shape.axis), ..shape };
         let starts = starts.into_iter().take(STARTS).flat_map(|k| [all[k], mirrored(all[k])]);
         let refined = starts.filter_map(|start| Match::refined(residual, templates, (at, radius), start));
         refined.max_by(|a, b| a.shape.chi2_reduction.total_cmp(&b.shape.chi2_reduction))

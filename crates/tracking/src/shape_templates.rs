@@ -32,7 +32,7 @@ fn over_depth<T: Send>(
     depths_um.par_iter().map(at_depth).collect()
 }
 
-/// So many depths over the range of the images, um.
+/// `n` equidistant depths over the range of the images, um.
 fn depths_um(images: &ShapeImages, n: usize) -> Vec<f64> {
     let [low, high] = images.depths_um();
     (0..n).map(|k| low + (high - low) * k as f64 / (n - 1) as f64).collect()
@@ -45,7 +45,7 @@ fn mean(all: &[Vec<f64>]) -> GrayImage {
     GrayImage { width: side, height: side, counts: (0..side * side).map(|i| pixel(i) as f32).collect() }
 }
 
-/// Templates averaged over so many axes, at so many depths.
+/// Templates at `depths` depths, each the mean over `of_axes` axes and all aspect ratios.
 pub(super) fn averaged(
     images: &ShapeImages,
     aspects: &[f64],
@@ -90,7 +90,7 @@ pub(super) struct ShapeTemplates {
 }
 
 impl ShapeTemplates {
-    /// Templates over the depth range of `images`, with so many depths.
+    /// Templates at `depths` depths over the depth range of `images`.
     pub(super) fn new(images: &ShapeImages, aspects: Vec<f64>, depths: usize) -> Self {
         let (depths_um, axes) = (depths_um(images, depths), axes(AXES).collect::<Vec<_>>());
         let fit = fit(&axes);
@@ -175,6 +175,11 @@ pub(super) fn axes(n: usize) -> impl Iterator<Item = DVec3> {
         let (sine, cosine) = (golden * k as f64).sin_cos();
         DVec3::new((1.0 - z * z).sqrt() * cosine, (1.0 - z * z).sqrt() * sine, z)
     })
+}
+
+/// The axis tilted the other way with respect to the image plane: toward the lens instead of away from it.
+pub(super) fn mirrored(axis: DVec3) -> DVec3 {
+    DVec3::new(axis.x, axis.y, -axis.z)
 }
 
 /// Angle between axes, which have no sign, rad.

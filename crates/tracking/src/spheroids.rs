@@ -17,7 +17,7 @@ use super::joint_fit::Equations;
 use super::locate::Locator;
 use super::mle::{self, OfSpheroids, ShapeImages};
 use super::output::Output;
-use super::shape_templates::{angle, averaged, axes};
+use super::shape_templates::{angle, averaged, axes, mirrored};
 use super::templates::Templates;
 use super::{Localization, ParticleShape, ShapeEstimate, ShapeUncertainty};
 use storage::error::Result;
@@ -323,8 +323,7 @@ impl Fit<'_> {
             }
         }
         let best = *apart.first()?;
-        let mirrored =
-            |pose: &Pose| Pose { axis: DVec3::new(pose.axis.x, pose.axis.y, -pose.axis.z), ..*pose };
+        let mirrored = |pose: &Pose| Pose { axis: mirrored(pose.axis), ..*pose };
         // All compared with the same weights.
         let region = self.region(residual, &best);
         let mut fitted: Vec<State> = apart.iter().filter_map(|start| self.refined(&region, start)).collect();

@@ -124,8 +124,8 @@ pub(super) fn light_by_aspect(e_p: f64) -> f64 {
     (high - low) / (2.0 * STEP)
 }
 
-/// How many emitters there are: those that resolve this phase at the rim, with so many more rings, and emitters around
-/// each.
+/// Density of the emitters: `rings` and `around` are added to the number of rings, and to that of the emitters on each, that
+/// resolve the phase `rim_phase` (rad) at the rim of the pupil.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Numbers {
     pub(super) rim_phase: f64,

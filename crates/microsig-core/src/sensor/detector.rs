@@ -210,16 +210,17 @@ impl FixedPattern {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::{Image, Light, Sensor};
     use super::*;
 
     const SIDE: u32 = 200;
 
-    fn settings() -> Settings {
+    /// Settings of a sensor of this side without a background of MicroSIG's.
+    pub(in super::super) fn without_background(side: u32) -> Settings {
         Settings {
-            pixel_dim_x: SIDE,
-            pixel_dim_y: SIDE,
+            pixel_dim_x: side,
+            pixel_dim_y: side,
             background_mean: 0.0,
             background_noise: 0.0,
             gain: 1.0,
@@ -229,7 +230,7 @@ mod tests {
 
     fn image(detector: Detector, level: f64, frame: u32) -> Image {
         let streams = Streams::new(5);
-        let sensor = Sensor::with_detector(&settings(), detector, &streams).unwrap();
+        let sensor = Sensor::with_detector(&without_background(SIDE), detector, &streams).unwrap();
         let light = Light { width: SIDE, height: SIDE, values: vec![level; (SIDE * SIDE) as usize] };
         sensor.expose(&light, &streams, Purpose::BackgroundNoise, frame)
     }
@@ -246,10 +247,11 @@ mod tests {
 
     #[test]
     fn the_default_detector_is_microsigs_sensor() {
-        let plain = Sensor::new(&settings());
+        let plain = Sensor::new(&without_background(SIDE));
         let light = Light { width: SIDE, height: SIDE, values: (0..SIDE * SIDE).map(f64::from).collect() };
         let expose = |s: &Sensor| s.expose(&light, &Streams::new(5), Purpose::BackgroundNoise, 0);
-        let with = Sensor::with_detector(&settings(), Detector::default(), &Streams::new(5)).unwrap();
+        let with =
+            Sensor::with_detector(&without_background(SIDE), Detector::default(), &Streams::new(5)).unwrap();
         assert_eq!(expose(&with), expose(&plain));
     }
 
@@ -302,7 +304,7 @@ mod tests {
             let ramp: Vec<f64> = (0..SIDE * SIDE)
                 .map(|i| f64::from(i) / f64::from(SIDE * SIDE) * 1.5 * f64::from(top))
                 .collect();
-            let sensor = Sensor::with_detector(&settings(), camera, &Streams::new(1)).unwrap();
+            let sensor = Sensor::with_detector(&without_background(SIDE), camera, &Streams::new(1)).unwrap();
             let light = Light { width: SIDE, height: SIDE, values: ramp };
             let image = sensor.expose(&light, &Streams::new(1), Purpose::BackgroundNoise, 0);
             let counts = image.counts.whole();
@@ -337,7 +339,7 @@ mod tests {
             background: Some(vec![1.0]),
             ..Default::default()
         };
-        let message = wrong.validate(&settings()).unwrap_err().to_string();
+        let message = wrong.validate(&without_background(SIDE)).unwrap_err().to_string();
         assert_eq!(message.lines().count(), 4, "{message}");
         assert!(message.contains("bits = 9: expected 8, 10, 12, 14 or 16"), "{message}");
     }

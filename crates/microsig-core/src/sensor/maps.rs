@@ -149,6 +149,7 @@ impl Detector {
 
 #[cfg(test)]
 mod tests {
+    use super::super::detector::tests::without_background;
     use super::super::{Light, Sensor};
     use super::*;
     use crate::stream::{Purpose, Streams};
@@ -158,17 +159,6 @@ mod tests {
     const FRAMES: u32 = 600;
     /// Variance of rounding to whole counts.
     const ROUNDING: f64 = 1.0 / 12.0;
-
-    fn settings() -> Settings {
-        Settings {
-            pixel_dim_x: SIDE,
-            pixel_dim_y: SIDE,
-            background_mean: 0.0,
-            background_noise: 0.0,
-            gain: 1.0,
-            ..Settings::setting1()
-        }
-    }
 
     /// Maps in which no two quantities are correlated.
     fn maps() -> PixelMaps {
@@ -183,7 +173,7 @@ mod tests {
     /// Mean and variance of each pixel over many frames of this light.
     fn statistics(detector: &Detector, light: f64) -> Vec<(f64, f64)> {
         let streams = Streams::new(11);
-        let sensor = Sensor::with_detector(&settings(), detector.clone(), &streams).unwrap();
+        let sensor = Sensor::with_detector(&without_background(SIDE), detector.clone(), &streams).unwrap();
         let light = Light { width: SIDE, height: SIDE, values: vec![light; PIXELS] };
         let mut sums = vec![(0.0, 0.0); PIXELS];
         for frame in 0..FRAMES {
@@ -243,7 +233,7 @@ mod tests {
         let expected = (0..PIXELS)
             .map(|i| (offset[i] + 900.0 * gain[i], variance[i] + 900.0 * gain[i] * gain[i] + ROUNDING));
         assert_agree(&flat, expected.clone());
-        let sensor = Sensor::with_detector(&settings(), camera, &Streams::new(11)).unwrap();
+        let sensor = Sensor::with_detector(&without_background(SIDE), camera, &Streams::new(11)).unwrap();
         for (i, (mean, _)) in expected.enumerate() {
             let response = sensor.response(i);
             assert!((response.background + 900.0 * response.slope - mean).abs() < 1e-9);
@@ -266,7 +256,7 @@ mod tests {
         assert_eq!(Detector { maps: PixelMaps::default(), ..with.clone() }, without);
         let streams = Streams::new(2);
         let [with, without] =
-            [with, without].map(|d| Sensor::with_detector(&settings(), d, &streams).unwrap());
+            [with, without].map(|d| Sensor::with_detector(&without_background(SIDE), d, &streams).unwrap());
         let light =
             Light { width: SIDE, height: SIDE, values: (0..PIXELS).map(|i| 40.0 * i as f64).collect() };
         let image = |sensor: &Sensor| sensor.expose(&light, &streams, Purpose::BackgroundNoise, 0);
@@ -281,7 +271,7 @@ mod tests {
         let camera = Detector { full_well_e: 1000.0, ..Detector::default() }
             .with_maps(PixelMaps { variance_counts2: None, ..maps });
         let full = statistics(&camera, 1e5);
-        let sensor = Sensor::with_detector(&settings(), camera, &Streams::new(0)).unwrap();
+        let sensor = Sensor::with_detector(&without_background(SIDE), camera, &Streams::new(0)).unwrap();
         for (i, (mean, _)) in full.iter().enumerate() {
             assert!((mean - offset[i] - 1000.0 * gain[i]).abs() <= 0.5);
             assert!((sensor.response(i).saturation_counts - offset[i] - 1000.0 * gain[i]).abs() < 1e-9);
@@ -290,9 +280,9 @@ mod tests {
 
     #[test]
     fn a_part_of_the_sensor_keeps_its_pixels() {
-        let part = Settings { pixel_dim_x: 3, pixel_dim_y: 2, ..settings() };
+        let part = Settings { pixel_dim_x: 3, pixel_dim_y: 2, ..without_background(SIDE) };
         let camera = Detector::default().with_maps(maps());
-        let cropped = camera.cropped(&settings(), &part, [5, 7]);
+        let cropped = camera.cropped(&without_background(SIDE), &part, [5, 7]);
         for (i, whole) in [(0, 7 * 24 + 5), (2, 7 * 24 + 7), (3, 8 * 24 + 5), (5, 8 * 24 + 7)] {
             let [a, b] = [cropped.electronics(i), camera.electronics(whole)];
             assert_eq!((a.offset_counts, a.gain_counts_per_e), (b.offset_counts, b.gain_counts_per_e));
@@ -303,7 +293,7 @@ mod tests {
 
     #[test]
     fn wrong_maps_are_told_with_pixel_value_and_range() {
-        let small = Settings { pixel_dim_x: 3, pixel_dim_y: 2, ..settings() };
+        let small = Settings { pixel_dim_x: 3, pixel_dim_y: 2, ..without_background(SIDE) };
         let gain = |map: Vec<f64>| {
             let maps = PixelMaps { gain_counts_per_e: Some(map.into()), ..PixelMaps::default() };
             Detector::default().with_maps(maps).validate(&small).unwrap_err().to_string()
