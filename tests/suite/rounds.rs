@@ -69,7 +69,7 @@ fn before_the_deadline_only_an_option_publishes_the_truth() {
     for (of, expected) in [
         (open.as_path(), "its deadline is 9999-12-31"),
         (&CHALLENGE.out, "states no deadline; --early"),
-        (&CHALLENGE.dataset, "is no challenge made by `microsig release`"),
+        (&CHALLENGE.dataset, "not a challenge made by `microsig release`"),
     ] {
         let message = reveal(of);
         assert!(message.contains(expected) && !truth.exists(), "{message}");

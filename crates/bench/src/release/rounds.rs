@@ -63,7 +63,7 @@ impl PublicManifest {
         let path = release.join("public").join(MANIFEST);
         let no = |what: &str| Error::input(format!("{}: {what}", path.display()));
         if !path.is_file() {
-            let what = "is no challenge made by `microsig release`: it has no public";
+            let what = "not a challenge made by `microsig release`: it has no public";
             return Err(Error::input(format!("{}: {what}/{MANIFEST}", release.display())));
         }
         let value: serde_json::Value =

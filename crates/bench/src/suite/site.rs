@@ -142,7 +142,7 @@ fn of_track(track: &TrackSpec, scores: &SuiteScores) -> Markup {
     let gates = [("in the image plane", track.gate_xy_px, "px"), ("along z", track.gate_z_um, "um")];
     html! {
         h2 { "Track " (track.name) ": " (track.title) }
-        p { (cases.len()) " cases."
+        p { (cases.len()) @if cases.len() == 1 { " case." } @else { " cases." }
             @for (along, gate, unit) in gates { @if let Some(gate) = gate {
                 " A point belongs to a particle within " (gate) " " (unit) " " (along) "."
             } }
