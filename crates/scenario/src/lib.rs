@@ -36,7 +36,7 @@ mod vary;
 pub use files::Input;
 pub use focal_planes::CylinderFacts;
 pub use language::derive::schema_of;
-pub use language::document::{Picture, Scene};
+pub use language::document::{Page, Picture, Scene};
 pub use language::schema::{Entry, Schema, ValueKind, nearest};
 pub use language::write::ron;
 pub use language::write::{compact, write};
