@@ -15,6 +15,7 @@ use serde_json::Value;
 use super::files::Files;
 use super::language::problems::Problems;
 use super::language::schema::joined;
+use super::motion::Motion;
 use storage::error::Result;
 
 macro_rules! field {
@@ -45,6 +46,14 @@ macro_rules! field {
             /// A field mirrored at a plane.
             Mirrored(Changed<f::MirroredParams>),
         }
+
+        $(
+            impl From<f::$parameters> for Motion {
+                fn from(parameters: f::$parameters) -> Self {
+                    Field::$variant(parameters).into()
+                }
+            }
+        )*
 
         impl Field {
             /// Draws new seeds for all random fields, including nested ones.

@@ -40,7 +40,7 @@ pub use language::document::{Picture, Scene};
 pub use language::schema::{Entry, Schema, ValueKind, nearest};
 pub use language::write::ron;
 pub use language::write::{compact, write};
-pub use load::{SCENARIO, assignment, load, load_text, of_dataset, parse, set};
+pub use load::{SCENARIO, assignment, build, load, load_text, of_dataset, parse, set};
 pub use motion::MotionSource;
 pub use optics::sensor;
 pub use recordings::Recordings;

@@ -1,5 +1,7 @@
 //! What moves the particles in a scenario: a velocity field and its placement, or recorded tracks.
 
+use std::sync::Arc;
+
 use dataset::{Row, TrackRow};
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
 use flows::registry::DepthRange;
@@ -20,6 +22,32 @@ pub enum Motion {
     Flow(Flow),
     /// Particles follow recorded tracks.
     Tracks(Tracks),
+    /// A velocity field of a program that uses the libraries; a scenario file cannot have it.
+    #[serde(skip)]
+    Own(OwnField),
+}
+
+impl Motion {
+    /// Particles in a velocity field that is not built in.
+    pub fn own(field: impl VelocityField + 'static) -> Self {
+        Motion::Own(OwnField(Arc::new(field)))
+    }
+}
+
+impl From<Field> for Motion {
+    fn from(field: Field) -> Self {
+        Motion::Flow(Flow { field, placement: None, walls: Walls::default() })
+    }
+}
+
+/// A velocity field that is not built in. It equals its clones only.
+#[derive(Debug, Clone)]
+pub struct OwnField(pub(super) Arc<dyn VelocityField>);
+
+impl PartialEq for OwnField {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
 }
 
 /// A velocity field and its placement.
@@ -94,7 +122,7 @@ pub struct Tracks {
 #[derive(Debug)]
 pub enum MotionSource {
     /// A velocity field.
-    Field(Box<dyn VelocityField>),
+    Field(Arc<dyn VelocityField>),
     /// Tracks.
     Tracks(RecordedTracks),
 }

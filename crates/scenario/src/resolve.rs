@@ -4,6 +4,7 @@
 //! resolving it gives the same scenario.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use flows::scale::Scale;
 use flows::{Boundary, Domain, FluidRegion, Illumination, KeptShares, Seeding, Shutter, VelocityField};
@@ -202,7 +203,7 @@ struct Sections {
     cloud: Option<Cloud>,
     illumination: Option<Illumination>,
     /// The inner `Option` is `None` for recorded tracks.
-    field: Option<Option<Box<dyn VelocityField>>>,
+    field: Option<Option<Arc<dyn VelocityField>>>,
 }
 
 /// Fills in defaults and checks each section on its own.
@@ -229,7 +230,8 @@ fn sections(
         None => Some(Illumination::default()),
     };
     let field = match &mut spec.motion {
-        Motion::Flow(flow) => flow.build(z_um, files, problems).map(Some),
+        Motion::Flow(flow) => flow.build(z_um, files, problems).map(|field| Some(Arc::from(field))),
+        Motion::Own(field) => Some(Some(Arc::clone(&field.0))),
         Motion::Tracks(_) => {
             refuse_flow_keys(spec, problems);
             Some(None)
@@ -253,8 +255,8 @@ fn sections(
 /// Whether the flow is steady; `None` for recorded tracks.
 fn is_steady(motion: &Motion, field: Option<&dyn VelocityField>) -> Option<bool> {
     match (motion, field) {
-        (Motion::Flow(_), Some(field)) => Some(field.is_steady()),
-        (Motion::Flow(_), None) => Some(true),
+        (Motion::Flow(_) | Motion::Own(_), Some(field)) => Some(field.is_steady()),
+        (Motion::Flow(_) | Motion::Own(_), None) => Some(true),
         (Motion::Tracks(_), _) => None,
     }
 }

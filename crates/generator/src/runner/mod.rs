@@ -15,6 +15,7 @@ mod sweep;
 mod verify;
 
 pub use cost::Cost;
+pub(crate) use generate::camera;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
 pub use memory::{Calibration, MemoryDataset};
 pub use progress::{Bar, Progress, Stop, Tables, Watched};
