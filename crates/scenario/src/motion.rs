@@ -11,8 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::field::Field;
-use super::files::Files;
-use super::language::problems::Problems;
+use super::findings::Findings;
 
 /// The source of particle motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -132,37 +131,33 @@ impl Flow {
     pub(super) fn build(
         &mut self,
         z_um: (f64, f64),
-        files: &mut Files<'_>,
-        problems: &mut Problems,
+        found: &mut Findings<'_>,
     ) -> Option<Box<dyn VelocityField>> {
         let depths = DepthRange { floor_um: z_um.0, ceiling_um: z_um.1 };
-        let field = self.field.build("motion.flow.field", depths, files, problems)?;
+        let field = self.field.build("motion.flow.field", depths, found)?;
         let Some(p) = self.placement else { return Some(field) };
         let turn =
             RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, center_um: p.center_um.into() };
         let placed = Rotated::new(field, &turn).and_then(|turned| {
             Translated::new(Box::new(turned), &TranslatedParams { offset_um: p.offset_um.into() })
         });
-        problems.of("motion.flow.placement", placed).map(|field| Box::new(field) as Box<dyn VelocityField>)
+        found
+            .problems
+            .of("motion.flow.placement", placed)
+            .map(|field| Box::new(field) as Box<dyn VelocityField>)
     }
 }
 
 impl Tracks {
     /// Reads the file.
-    pub(super) fn build(
-        &mut self,
-        scale: &Scale,
-        files: &mut Files<'_>,
-        warnings: &mut Vec<String>,
-        problems: &mut Problems,
-    ) -> Option<RecordedTracks> {
+    pub(super) fn build(&mut self, scale: &Scale, found: &mut Findings<'_>) -> Option<RecordedTracks> {
         const KEY: &str = "motion.tracks.file";
-        let (path, bytes) = files.read(KEY, &self.file, problems)?;
+        let (path, bytes) = found.read(KEY, &self.file)?;
         let name = path.display().to_string();
         let tracks = match RecordedTracks::from_csv(&bytes[..], scale) {
             Ok(tracks) => tracks,
             Err(faults) => {
-                faults.iter().for_each(|fault| problems.other(KEY, in_file(&name, fault)));
+                faults.iter().for_each(|fault| found.problems.other(KEY, in_file(&name, fault)));
                 return None;
             }
         };
@@ -170,9 +165,9 @@ impl Tracks {
         let unknown = |c: &&String| !TrackRow::table(&[]).columns.iter().any(|own| own.name == c.as_str());
         let unused: Vec<&str> = tracks.unused_columns().iter().filter(unknown).map(String::as_str).collect();
         if !unused.is_empty() {
-            warnings.push(format!("{KEY}: {name}: unused columns: {}", unused.join(", ")));
+            found.warn(format!("{KEY}: {name}: unused columns: {}", unused.join(", ")));
         }
-        self.file = files.keep(&path, bytes);
+        self.file = found.keep(&path, bytes);
         Some(tracks)
     }
 }
