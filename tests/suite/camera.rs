@@ -21,7 +21,7 @@ const SCENARIO: &str = r#"(
 fn tif(folder: &Path, name: &str, (width, height): (u32, u32), value: impl Fn(u32) -> f32) {
     let counts = Counts::Unrounded((0..width * height).map(value).collect());
     let image = Image { width, height, bits: Image::FLOAT_BITS, counts };
-    let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
+    let scale = PixelScale::um_per_px(1.0);
     let file = std::fs::File::create(folder.join(name)).unwrap();
     tiff::write(file, &image, &scale, name).unwrap();
 }

@@ -262,6 +262,10 @@ fn stacks_hold_images_and_scale() {
             assert!((found / expected - 1.0).abs() < 1e-3, "{format}: {found} {expected}");
         }
     }
+    // The single images of the dataset state their step as well.
+    for (found, expected) in fitted(&folder, &[]).iter().zip(&expected) {
+        assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
+    }
     let message = fail(
         2,
         &[

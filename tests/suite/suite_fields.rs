@@ -25,7 +25,7 @@ const WAVE: &str = "sinusoid(amplitude_um_s: 258, wavelength_um: 12.9)), truth_g
 
 const SUITE: &str = r#"(
     name: "flows",
-    version: "1.0.0-dev",
+    version: "1.0.0",
     title: "Fields",
     tracks: [(
         name: "V",

@@ -9,7 +9,7 @@ mod golden;
 mod leaderboard;
 mod shipped;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -38,6 +38,13 @@ enum Task {
         /// Folder for the output of workloads, for example /dev/shm to exclude the disk. Default: below OUT
         #[arg(long)]
         scratch: Option<PathBuf>,
+    },
+    /// Makes all records of speed anew, one after the other: `bench`, `instructions`, `peers` (other generators)
+    /// and `scoring`; about 40 minutes of an otherwise idle machine.
+    Records {
+        /// Folder of the records.
+        #[arg(long, default_value = "results")]
+        out: PathBuf,
     },
     /// Counts instructions of small runs with valgrind and compares them with earlier counts; exit code 1 if
     /// one has grown.
@@ -128,6 +135,7 @@ fn main() -> anyhow::Result<ExitCode> {
         Task::Bench { out, only, repeats, scratch } => {
             bench::main(&out, only.as_deref(), repeats, scratch.as_deref()).map(|()| ExitCode::SUCCESS)
         }
+        Task::Records { out } => records(&out),
         Task::Instructions { out, against, tolerance } => {
             bench::instructions::run(&out, against.as_deref(), tolerance)
         }
@@ -146,4 +154,14 @@ fn main() -> anyhow::Result<ExitCode> {
             figures::run(kind, out.as_deref(), redraw).map(|()| ExitCode::SUCCESS)
         }
     }
+}
+
+/// All records of speed. Limits that are exceeded are in the records; only failures end the run.
+fn records(out: &Path) -> anyhow::Result<ExitCode> {
+    let speed = out.join("performance");
+    bench::main(&speed, None, 5, None)?;
+    bench::instructions::run(&speed.join("instructions"), None, 0.0)?;
+    bench::peers::main(&out.join("peers"))?;
+    bench::scoring::main(&out.join("scoring"))?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -120,7 +120,7 @@ impl Frames {
     ) -> Result<Written> {
         let images = folder.join("images");
         std::fs::create_dir_all(&images).map_err(Error::write(&images))?;
-        let scale = PixelScale { um_per_px, frame_interval_s: options.dt_s };
+        let scale = PixelScale { frame_interval_s: options.dt_s, ..PixelScale::um_per_px(um_per_px) };
         let chosen = Preview::chosen(self.len() as u32, self.pairs);
         let (mut written, mut preview) = (Written::default(), Preview::default());
         let mut saturated: Vec<String> = Vec::new();

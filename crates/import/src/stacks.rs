@@ -8,7 +8,7 @@ use dataset::manifest::PlaceFacts;
 use dataset::{CalibrationRow, write_table};
 use fit::Scan;
 use microsig_core::Particle;
-use microsig_core::formats::tiff::{self, PixelScale};
+use microsig_core::formats::tiff::{self, PixelScale, StackPlane};
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::{Counts, Image};
 use rayon::prelude::*;
@@ -168,7 +168,7 @@ impl Stacks {
     /// # Errors
     /// Writing.
     pub(crate) fn write(&self, folder: &Path, um_per_px: f64, model: Option<&Model>) -> Result<()> {
-        let scale = PixelScale { um_per_px, frame_interval_s: None };
+        let scale = PixelScale::um_per_px(um_per_px);
         let mut rows = Vec::new();
         for stack in &self.places {
             let within =
@@ -180,7 +180,8 @@ impl Stacks {
             for (step, (image, z_um)) in stack.images.iter().zip(&self.depths_um).enumerate() {
                 let middle = (image.width / 2 + 1) as f64;
                 let path = format!("calibration/images{within}/step_{step:04}.tif");
-                self.save(&folder.join(&path), image, &scale)?;
+                let plane = StackPlane::of(&self.depths_um, step);
+                self.save(&folder.join(&path), image, &PixelScale { plane, ..scale })?;
                 let mut row = CalibrationRow {
                     step: step as u32,
                     z_um: *z_um,

@@ -37,7 +37,7 @@ mod volume;
 pub use findings::Input;
 pub use focal_planes::CylinderFacts;
 pub use language::derive::schema_of;
-pub use language::document::{Picture, Scene};
+pub use language::document::{Page, Picture, Scene};
 pub use language::schema::{Entry, Schema, ValueKind, nearest};
 pub use language::write::ron;
 pub use language::write::{compact, write};

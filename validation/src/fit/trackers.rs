@@ -161,7 +161,7 @@ impl Recording<'_> {
 
 fn save(scan: &Scan, plane: &[u16], path: &Path) -> anyhow::Result<()> {
     let (width, height, counts) = (scan.width as u32, scan.height as u32, Counts::Whole(plane.to_vec()));
-    let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
+    let scale = PixelScale::um_per_px(1.0);
     let image = Image { width, height, bits: 16, counts };
     Ok(tiff::write(File::create(path)?, &image, &scale, &path.display().to_string())?)
 }

@@ -1,4 +1,4 @@
-//! The reference of all keys, `docs/scenario.md`, with pictures of the effects of single keys.
+//! The reference of all keys, `docs/scenario.md` and `docs/scenario/`, with pictures of the effects of single keys.
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -26,7 +26,9 @@ pub(super) fn run(docs: &Path, redraw: bool) -> anyhow::Result<()> {
     std::fs::create_dir_all(&folder)?;
     let path = docs.join("scenario.md");
     let pictures = Picture::list(&std::fs::read_to_string(folder.join("pictures.ron"))?)?;
-    std::fs::write(&path, scenario::document(&pictures)?)?;
+    for page in scenario::document(&pictures)? {
+        std::fs::write(docs.join(page.file), page.text)?;
+    }
     let wanted = |picture: &&Picture| redraw || !folder.join(picture.file()).exists();
     let mut drawn = 0;
     for wanted in pictures.iter().filter(wanted) {
@@ -88,7 +90,7 @@ fn image(scene: Scene, sets: &str) -> anyhow::Result<Image> {
         Scene::Fast => ((150, 110), "number: count(14)"),
     };
     let file = std::fs::File::create(place.path().join("background.tif"))?;
-    let scale = tiff::PixelScale { um_per_px: 1.0, frame_interval_s: None };
+    let scale = tiff::PixelScale::um_per_px(1.0);
     tiff::write(file, &background(size), &scale, "background.tif")?;
     // A thin range of depths, so that all particles move equally.
     let range = if scene == Scene::Fast { "(-30, -20)" } else { "(-80, 20)" };

@@ -141,12 +141,7 @@ impl Boxes {
         }
         let image = Image { width, height, bits: 16, counts: Counts::Whole(counts) };
         let mut file = Cursor::new(Vec::new());
-        tiff::write(
-            &mut file,
-            &image,
-            &PixelScale { um_per_px: self.um_per_px, frame_interval_s: None },
-            stem,
-        )?;
+        tiff::write(&mut file, &image, &PixelScale::um_per_px(self.um_per_px), stem)?;
         Ok((format!("masks/{stem}.tif"), file.into_inner()))
     }
 

@@ -10,6 +10,7 @@ use std::path::Path;
 use dataset::manifest::PlaceFacts;
 use dataset::rows::{PLACES, SIZES};
 use dataset::{CalibrationRow, Row, Table, write_table};
+use microsig_core::formats::tiff::StackPlane;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::{Image, Sensor};
 use microsig_core::{Particle, Settings};
@@ -313,7 +314,8 @@ pub fn write(
         save(&path, |w| {
             data_file::write(w, &particle, data_file::Layout::of(&particle)).map_err(Error::write(&path))
         })?;
-        stack.camera.save(&folder.join(image), &stack.image(row)).map(drop)
+        let plane = StackPlane::of(&stack.depths_um, row % stack.depths_um.len());
+        stack.camera.save(&folder.join(image), &stack.image(row), plane).map(drop)
     })?;
     write_table(folder, &stack.table, &stack.rows())
 }

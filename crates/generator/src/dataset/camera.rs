@@ -3,7 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use microsig_core::formats::tiff::{self, PixelScale};
+use microsig_core::formats::tiff::{self, PixelScale, StackPlane};
 use microsig_core::pool::{BufferPool, Pooled};
 use microsig_core::render::{ImageStreams, Renderer};
 use microsig_core::sensor::{Detector, Image, Light, Sensor};
@@ -42,7 +42,7 @@ impl Camera {
     pub fn new(renderer: Renderer, sensor: Sensor, streams: Streams) -> Self {
         Camera {
             sensor,
-            scale: PixelScale { um_per_px: renderer.settings().um_per_px(), frame_interval_s: None },
+            scale: PixelScale::um_per_px(renderer.settings().um_per_px()),
             renderer,
             streams,
             rays: Purpose::Rays,
@@ -91,10 +91,11 @@ impl Camera {
         sensor.expose(&part, &self.streams, self.noise, frame)
     }
 
-    /// Writes an image as TIFF with its scale; returns the file's bytes.
-    pub fn save(&self, path: &Path, image: &Image) -> Result<Pooled<'_, Vec<u8>>> {
+    /// Writes an image as TIFF with its scale; returns the file's bytes. `plane`: its place in a stack.
+    pub fn save(&self, path: &Path, image: &Image, plane: Option<StackPlane>) -> Result<Pooled<'_, Vec<u8>>> {
         let mut bytes = self.files.get();
-        tiff::write(Cursor::new(&mut *bytes), image, &self.scale, &path.display().to_string())?;
+        let scale = PixelScale { plane, ..self.scale };
+        tiff::write(Cursor::new(&mut *bytes), image, &scale, &path.display().to_string())?;
         save_bytes(path, &bytes)?;
         Ok(bytes)
     }

@@ -226,7 +226,7 @@ impl<'a> FrameFiles<'a> {
             return Ok(StoredFrame { particles, image, picture: None });
         }
         let drawn = image();
-        let image = Fingerprint::of(&self.camera.save(&path, &drawn)?);
+        let image = Fingerprint::of(&self.camera.save(&path, &drawn, None)?);
         journal::finished(&path, &image)?;
         Ok(StoredFrame { particles, image, picture: wanted.then_some(drawn) })
     }

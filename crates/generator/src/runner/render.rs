@@ -125,7 +125,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     files.par_iter().zip(&image_names).enumerate().try_for_each(|(i, (file, name))| {
         options.progress.check()?;
         let image = camera.image(&read(file)?, options.first_frame + i as u32);
-        camera.save(&folder.join(name), &image)?;
+        camera.save(&folder.join(name), &image, None)?;
         bar.inc(1);
         Ok::<(), Error>(())
     })?;

@@ -9,7 +9,7 @@ use std::io::{Seek, Write};
 
 use ::tiff::encoder::{TiffEncoder, TiffKind};
 
-use super::tiff::{PixelScale, append};
+use super::tiff::{PixelScale, StackPlane, append};
 use crate::error::{Error, Fault};
 use crate::sensor::{Counts, Image};
 
@@ -130,7 +130,7 @@ impl Stack {
         first: Image,
         mut page: impl FnMut(usize) -> Result<Image, E>,
     ) -> Result<(), E> {
-        let scale = PixelScale { um_per_px: self.um_per_px, frame_interval_s: None };
+        let scale = PixelScale::um_per_px(self.um_per_px);
         let kind = |image: &Image| (image.width, image.height, bytes_per_px(image));
         let (expected, mut image) = (kind(&first), first);
         for k in 0..self.axis.pages() {
@@ -157,11 +157,7 @@ impl Stack {
         // Writing to a string cannot fail.
         let _ = match &self.axis {
             StackAxis::Depth(depths_um) => {
-                let step = self.axis.step_um().map_or_else(String::new, |step| {
-                    // ImageJ's depth of slice k is (k - zorigin) spacing.
-                    let origin = 0.0 - depths_um[0] / step;
-                    format!("spacing={step}\nzorigin={origin}\n")
-                });
+                let step = StackPlane::of(depths_um, 0).map_or_else(String::new, |first| first.image_j());
                 write!(text, "slices={pages}\nunit=um\n{step}")
             }
             StackAxis::Time { interval_s, .. } => {

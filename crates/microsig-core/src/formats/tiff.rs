@@ -2,8 +2,8 @@
 //! floating point for unrounded counts.
 //!
 //! The scale is stored where ImageJ and Fiji expect it (ij.io.FileSaver, FileOpener): px per um in the
-//! resolution tags, the unit and the time between frames in a description that starts with "ImageJ=". No
-//! other metadata are written: no date, no program, no path.
+//! resolution tags, the unit, the time between frames and the step of a stack in a description that starts with
+//! "ImageJ=". No other metadata are written: no date, no program, no path.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, Write};
@@ -16,6 +16,7 @@ use ::tiff::encoder::{
 use ::tiff::tags::{ResolutionUnit, Tag};
 use ::tiff::{TiffError, TiffResult};
 
+use super::stack::equal_step;
 use crate::error::{Error, Fault};
 use crate::sensor::{Counts, Image};
 
@@ -26,6 +27,38 @@ pub struct PixelScale {
     pub um_per_px: f64,
     /// Time between frames, s; `None` if the image is not part of a series.
     pub frame_interval_s: Option<f64>,
+    /// Place in a stack over depth; `None` if the image is not part of one.
+    pub plane: Option<StackPlane>,
+}
+
+impl PixelScale {
+    /// The scale of an image that belongs to no series and no stack.
+    pub fn um_per_px(um_per_px: f64) -> Self {
+        PixelScale { um_per_px, frame_interval_s: None, plane: None }
+    }
+}
+
+/// Place of an image in a stack over depth with equal steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StackPlane {
+    /// Depth, um, growing away from the lens.
+    pub z_um: f64,
+    /// Step between depths, um.
+    pub step_um: f64,
+}
+
+impl StackPlane {
+    /// Plane `k` of a stack with these depths, um; `None` if they are not equally far apart.
+    pub fn of(depths_um: &[f64], k: usize) -> Option<StackPlane> {
+        let step_um = equal_step(depths_um)?;
+        Some(StackPlane { z_um: *depths_um.get(k)?, step_um })
+    }
+
+    /// The entries of ImageJ's description, by which the depth of slice k is (k - zorigin) spacing. For an
+    /// image in a file of its own, k is 0; ImageJ imports a sequence of files with the values of the first.
+    pub(super) fn image_j(&self) -> String {
+        format!("spacing={}\nzorigin={}\n", self.step_um, 0.0 - self.z_um / self.step_um)
+    }
 }
 
 /// Writes an image; `name` is the name of the output in errors.
@@ -78,7 +111,8 @@ where
 /// The description as ImageJ writes it, with the first version of ImageJ that reads this form.
 fn description(scale: &PixelScale) -> String {
     let interval = scale.frame_interval_s.map_or_else(String::new, |s| format!("finterval={s}\n"));
-    format!("ImageJ=1.11a\nunit=um\n{interval}")
+    let plane = scale.plane.map_or_else(String::new, |plane| plane.image_j());
+    format!("ImageJ=1.11a\nunit=um\n{interval}{plane}")
 }
 
 /// 1 / `um_per_px` as a fraction of 32-bit integers from which ImageJ, by division, recovers `um_per_px`: the
@@ -119,9 +153,12 @@ pub fn read_scale(reader: impl BufRead + Seek, name: &str) -> Result<Option<Pixe
         return Ok(None);
     }
     let positive = |text: &str| text.parse().ok().filter(|s: &f64| *s > 0.0 && s.is_finite());
+    let origin = entry("zorigin").and_then(|text| text.parse().ok()).filter(|o: &f64| o.is_finite());
+    let plane = |step_um| StackPlane { z_um: 0.0 - origin.unwrap_or(0.0) * step_um, step_um };
     Ok(Some(PixelScale {
         um_per_px: f64::from(d) / f64::from(n),
         frame_interval_s: entry("finterval").and_then(positive),
+        plane: entry("spacing").and_then(positive).map(plane),
     }))
 }
 
@@ -224,7 +261,7 @@ mod tests {
     use super::*;
     use std::io::Cursor;
 
-    const SCALE: PixelScale = PixelScale { um_per_px: 0.645, frame_interval_s: Some(0.005) };
+    const SCALE: PixelScale = PixelScale { um_per_px: 0.645, frame_interval_s: Some(0.005), plane: None };
 
     fn written(bits: u8, counts: Vec<u16>) -> Cursor<Vec<u8>> {
         let mut file = Cursor::new(Vec::new());
@@ -269,13 +306,17 @@ mod tests {
     #[test]
     fn the_scale_survives_the_round_trip() {
         for um_per_px in [0.645, 6.45 / 63.0, 1e-8, 1.0, 123_456.75, 4e9] {
-            for frame_interval_s in [None, Some(0.005), Some(1e-7)] {
-                let (mut file, scale) = (Cursor::new(Vec::new()), PixelScale { um_per_px, frame_interval_s });
+            for (frame_interval_s, z_um) in
+                [(None, Some(-80.0)), (Some(0.005), None), (Some(1e-7), Some(0.0))]
+            {
+                let plane = z_um.map(|z_um| StackPlane { z_um, step_um: 2.0 });
+                let scale = PixelScale { um_per_px, frame_interval_s, plane };
+                let mut file = Cursor::new(Vec::new());
                 let image = Image { width: 3, height: 2, bits: 16, counts: Counts::Whole(vec![0; 6]) };
                 write(&mut file, &image, &scale, "i.tif").unwrap();
                 file.set_position(0);
                 let read = read_scale(file, "i.tif").unwrap().unwrap();
-                assert_eq!(read.frame_interval_s, frame_interval_s);
+                assert_eq!((read.frame_interval_s, read.plane), (frame_interval_s, plane));
                 // The denominator has at least eight digits, or two for scales that no microscope has.
                 let bar = if um_per_px < 1e-7 { 0.05 } else { 1e-8 };
                 assert!((read.um_per_px / um_per_px - 1.0).abs() < bar, "{um_per_px}: {read:?}");

@@ -1,5 +1,5 @@
-//! `docs/scenario.md`: every key with unit, default, range and meaning, and pictures of the effect of single
-//! keys.
+//! `docs/scenario.md` and a page for each section below `docs/scenario/`: every key with unit, default, range
+//! and meaning, and pictures of the effect of single keys.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -54,44 +54,68 @@ impl Picture {
 /// Path of the velocity fields.
 const FIELD: &str = "motion.flow.field.";
 
-/// The document. `values` is a scenario with all defaults filled in.
-pub(crate) fn document(schema: Schema<'_>, values: &Value, header: &str, pictures: &[Picture]) -> String {
-    let mut text = header.to_owned();
+/// A page of the reference.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Page {
+    /// Its file below `docs/`.
+    pub file: String,
+    /// The text.
+    pub text: String,
+}
+
+const TABLE: &str = "| key | unit | default | range | meaning |\n|---|---|---|---|---|\n";
+
+/// The pages, the one with the list of sections first. `values` is a scenario with all defaults filled in.
+pub(crate) fn document(schema: Schema<'_>, values: &Value, header: &str, pictures: &[Picture]) -> Vec<Page> {
     let keys = schema.keys();
-    let table = "| key | unit | default | range | meaning |\n|---|---|---|---|---|\n";
-    let mut is_open = false;
+    let (mut sections, mut single, mut pages) = (String::new(), String::new(), Vec::new());
     for top in schema.below() {
         let own = |path: &str| path.split('.').next() == Some(top.name) && !path.starts_with(FIELD);
-        // Keys without subkeys share the first table.
-        let is_section = keys.iter().filter(|(path, _)| own(path)).count() > 1;
-        if is_section || !is_open {
-            let (title, about) = match is_section {
-                true => (format!("`{}`", top.name), top.meaning()),
-                false => ("The scenario itself".to_owned(), "Name, license and seed.".to_owned()),
-            };
-            text += &format!("\n## {title}\n\n{about}\n\n{table}");
-            is_open = true;
+        let rows: Vec<String> = keys
+            .iter()
+            .filter(|(path, _)| own(path))
+            .map(|(path, entry)| row(path, path, entry, values, schema))
+            .collect();
+        // Keys without subkeys are on the first page.
+        if rows.len() == 1 {
+            single += &rows.concat();
+            continue;
         }
-        for (path, entry) in keys.iter().filter(|(path, _)| own(path)) {
-            text += &row(path, path, entry, values, schema);
-        }
+        let (name, about) = (top.name, top.meaning());
+        sections += &format!("- [`{name}`](scenario/{name}.md): {about}\n");
+        let mut text = format!("# `{name}`\n\n{about} {NOTATION}\n\n{TABLE}{}", rows.concat());
         for picture in pictures.iter().filter(|picture| own(&picture.key)) {
             let Picture { key, caption, .. } = picture;
-            text += &format!("\n`{key}`: {caption}\n\n![{key}](scenario/{})\n", picture.file());
+            text += &format!("\n`{key}`: {caption}\n\n![{key}]({})\n", picture.file());
         }
+        pages.push(Page { file: format!("scenario/{name}.md"), text });
     }
-    text += &format!(
-        "\n## Velocity fields\n\nThe values of `motion.flow.field`. The [gallery](flows/README.md) shows a plot of each field; \
-         `microsig flows NAME` prints its parameters.\n\n{table}"
+    sections += "- [`motion.flow.field`](scenario/fields.md): Velocity fields and their parameters.\n";
+    pages.push(Page { file: "scenario/fields.md".to_owned(), text: fields(schema, values) });
+    let text = format!("{header}\n## Sections\n\n{sections}\n## Keys without a section\n\n{TABLE}{single}");
+    pages.insert(0, Page { file: "scenario.md".to_owned(), text });
+    pages
+}
+
+/// What a reader of a single page must know.
+const NOTATION: &str = "Notation and pictures are explained [here](../scenario.md).";
+
+/// The page of velocity fields.
+fn fields(schema: Schema<'_>, values: &Value) -> String {
+    let mut text = format!(
+        "# Velocity fields\n\nThe values of `motion.flow.field`. The [gallery](../flows/README.md) shows a plot of each field; \
+         `microsig flows NAME` prints its parameters. {NOTATION}\n\n{TABLE}"
     );
-    for (path, entry) in &keys {
+    for (path, entry) in &schema.keys() {
         let Some(name) = path.strip_prefix(FIELD) else { continue };
         if name.contains('.') || !entry.is_variant {
             let key = name.split_once('.').map_or(name, |(_, key)| key);
             text += &row(path, key, entry, values, schema);
         } else {
-            text +=
-                &format!("| **[{name}](flows/README.md#{name})** | | | | `{}` |\n", cell(&entry.meaning()));
+            text += &format!(
+                "| **[{name}](../flows/README.md#{name})** | | | | `{}` |\n",
+                cell(&entry.meaning())
+            );
         }
     }
     text

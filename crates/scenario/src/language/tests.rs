@@ -100,7 +100,9 @@ fn a_key_that_is_added_to_a_struct_is_known_everywhere() {
         images: Vec::new(),
         caption: "532, 355 nm".to_owned(),
     };
-    let page = document(language, &values, "# Laboratory\n", &[picture]);
+    let pages = document(language, &values, "# Laboratory\n", &[picture]);
+    let page = &pages.iter().find(|page| page.file == "scenario/laser.md").unwrap().text;
+    assert!(pages[0].text.contains("- [`laser`](scenario/laser.md): Laser on the table."), "{pages:?}");
     for line in [
         "| `laser.wavelength_nm` | nm | `532.0` | 200 to 2000 | Wavelength in vacuum. |",
         "| `laser.mode.`*`pulsed`* | Hz |  | > 0 | Pulses at this rate. |",

@@ -487,7 +487,7 @@ mod tests {
             bits: 16,
             counts: Counts::Whole((0..8).map(|i| 5 + 10 * i).collect()),
         };
-        let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
+        let scale = PixelScale::um_per_px(1.0);
         let file = std::fs::File::create(dataset.path().join("uneven.tif")).unwrap();
         tiff::write(file, &uneven, &scale, "uneven.tif").unwrap();
         let noise = |more: &str, c_int: f64| {

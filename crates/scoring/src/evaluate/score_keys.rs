@@ -31,10 +31,31 @@ pub fn score_keys() -> Vec<ScoreKey> {
     keys
 }
 
-/// The keys as a Markdown table, for docs/scoring.md.
+/// The text of docs/score_keys.md, with a section for each group of keys.
 pub fn markdown() -> String {
-    let mut text = "| key | definition | unit | range |\n|---|---|---|---|\n".to_owned();
-    for key in score_keys() {
+    let mut text = "# Keys of `score.json`\n\n\
+        Formula, unit and range of every key. New versions add keys and never rename them, and files of earlier versions \
+        remain readable. Undefined scores are null. [Scoring](scoring.md) explains how they are computed.\n\n\
+        This page is generated: `UPDATE_DOCS=1 cargo test -p suite scoring_keys`.\n"
+        .to_owned();
+    let keys = score_keys();
+    let group = |key: &ScoreKey| key.path.split(['.', '[']).next().unwrap_or_default().to_owned();
+    let mut groups: Vec<String> = keys.iter().map(group).collect();
+    groups.dedup();
+    let (single, several): (Vec<_>, Vec<_>) =
+        groups.into_iter().partition(|name| keys.iter().filter(|key| group(key) == *name).count() == 1);
+    let of = |names: &[String]| keys.iter().filter(|key| names.contains(&group(key))).collect::<Vec<_>>();
+    table(&mut text, "General", &of(&single));
+    for name in several {
+        table(&mut text, &format!("`{name}`"), &of(&[name]));
+    }
+    text
+}
+
+/// Appends a section with a table.
+fn table(text: &mut String, title: &str, keys: &[&ScoreKey]) {
+    *text += &format!("\n## {title}\n\n| key | definition | unit | range |\n|---|---|---|---|\n");
+    for key in keys {
         let range = match key.range {
             (None, None) => String::new(),
             (Some(low), Some(high)) => format!("{low} to {high}"),
@@ -45,7 +66,6 @@ pub fn markdown() -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "| `{path}` | {meaning} | {} | {range} |", unit(&key.path));
     }
-    text
 }
 
 /// The unit, from the suffix of the key.
