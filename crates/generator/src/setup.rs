@@ -323,7 +323,7 @@ impl Frame<'_> {
     /// # Errors
     /// Writing.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        self.recording.camera.save(path.as_ref(), &self.image()).map(drop)
+        self.recording.camera.save(path.as_ref(), &self.image(), None).map(drop)
     }
 
     /// The truth: the rows of the tables of a dataset, with signal-to-noise ratio and overlap of each particle
