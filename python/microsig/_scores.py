@@ -295,6 +295,10 @@ def track(
         whole("seed", seed, 0, LAST_SEED),
         shown(progress),
     )
+    if ensemble and method != "piv":
+        raise ValueError(f"ensemble: expected with method = 'piv', not {method!r}")
+    if aspect_ratio is not None and shape != "spheroid":
+        raise ValueError("aspect_ratio: expected with shape = 'spheroid'")
     return Table(_microsig.track(_folder(dataset), method, *options), name=f"result of {method}")
 
 

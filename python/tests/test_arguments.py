@@ -73,6 +73,8 @@ def test_messages_name_arguments_rather_than_options_of_the_command(dataset, opt
         (lambda ds: ms.track(ds, "nnc"), ValueError, "method = 'nnc': expected one of spots, ncc"),
         (lambda ds: ms.track(ds, diameter_px="a"), TypeError, "diameter_px = 'a': expected a number, 0.5 to 1000"),
         (lambda ds: ms.track(ds, noise_um=-1), ValueError, "noise_um = -1: expected a number, 0 to 1000"),
+        (lambda ds: ms.track(ds, "ncc", ensemble=True), ValueError, "ensemble: expected with method = 'piv', not 'ncc'"),
+        (lambda ds: ms.track(ds, "mle", aspect_ratio=2), ValueError, "aspect_ratio: expected with shape = 'spheroid'"),
         (lambda ds: ms.track(ds, ensemble=1), TypeError, "ensemble = 1: expected True or False"),
         (lambda ds: ms.render(ds.settings, [[1, 1, 1, 1]], seed="a"), TypeError, "seed = 'a': expected a whole"),
         (lambda ds: ms.render(ds.settings, [[1, 1, 1, 1]], seed=1.5), TypeError, "seed = 1.5: expected a whole"),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use dataset::manifest::{COORDINATES, GENERATOR_VERSION, NoiseFacts, ScoringGates};
+use dataset::manifest::{GENERATOR_VERSION, NoiseFacts, ScoringGates, coordinates};
 use storage::error::Result;
 use storage::save_bytes;
 
@@ -69,7 +69,7 @@ fn text(about: &About<'_>) -> String {
         known = known(about),
         xy = gates.xy_px,
         z = gates.z_um,
-        axes = COORDINATES.replace("zero in the paraxial object plane", "zero where the stage is at zero"),
+        axes = coordinates(crate::manifest::ZERO),
         place_columns = if made.is_field { ", and the place of each stack in the frames" } else { "" },
     )
 }

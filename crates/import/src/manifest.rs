@@ -1,8 +1,8 @@
 //! The manifest of a recording.
 
 use dataset::manifest::{
-    COORDINATES, Facts, GENERATOR_VERSION, LAYOUT_VERSION, Manifest, NoiseFacts, ParticleImageFacts,
-    RECORDING, Resource, ScoringGates, SensorFacts, TimingFacts, resource, seal as complete,
+    Facts, GENERATOR_VERSION, LAYOUT_VERSION, Manifest, NoiseFacts, ParticleImageFacts, RECORDING, Resource,
+    ScoringGates, SensorFacts, TimingFacts, coordinates, resource, seal as complete,
 };
 use dataset::{CalibrationRow, Row, Table};
 use serde_json::{Map, Value, json};
@@ -15,6 +15,9 @@ use super::frames::{Frames, Written};
 use super::known::Known;
 use super::optics::Model;
 use super::stacks::Stacks;
+
+/// Where `z_um` of recordings is zero.
+pub(crate) const ZERO: &str = "where the stage is at zero";
 
 /// All that is said about a recording.
 pub(crate) struct About<'a> {
@@ -116,9 +119,7 @@ fn manifest(about: &About<'_>) -> Manifest {
         optics: model.and_then(|model| model.optics),
         depth_range_um: Some([low, high]),
         depth_range_h_um: Some(high - low),
-        coordinates: Some(
-            COORDINATES.replace("zero in the paraxial object plane", "zero where the stage is at zero"),
-        ),
+        coordinates: Some(coordinates(ZERO)),
         a_pi_px: Some(made.area_px()),
         particle_image: Some(ParticleImageFacts {
             d_um: model.map_or(0.0, |model| model.d_um),

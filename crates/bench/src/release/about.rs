@@ -10,7 +10,7 @@ use super::deadline::Deadline;
 use super::rounds::{self, Round};
 use super::splits::Train;
 use super::{COMMITMENT, SALT};
-use dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
+use dataset::manifest::{self, GENERATOR_VERSION, ZERO_OF_DATASETS, coordinates};
 use dataset::{CalibrationRow, Row, TrackRow};
 use scenario::license::License;
 use storage::checksums::Fingerprint;
@@ -204,13 +204,14 @@ impl ReleaseTexts<'_> {
              - `settings.txt`: optics and sensor in MicroSIG's format; `datapackage.json`: camera, scale, depth range, times.\n\
              {calibration}\
              - `submission/`: the template. `microsig check-submission . SUBMISSION` checks a submission without the truth.\n\n\
-             ## Axes and units\n\n{COORDINATES}\n\n\
+             ## Axes and units\n\n{axes}\n\n\
              ## Submitting\n\n\
              {timetable}{scored}{of_particles}{of_fields}\n\n\
              `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and enter the hash of the images you used \
              in `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
              ## License\n\n{license}; see `LICENSE`.\n",
             title = self.title,
+            axes = coordinates(ZERO_OF_DATASETS),
             focus = self.focus(),
             timetable = rounds::timetable(self.deadline, self.rounds),
             scored = self.what_is_scored(),

@@ -3,8 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use dataset::TableReader;
 use dataset::manifest::MANIFEST;
+use generator::runner::{CASES, CaseReader};
 use scenario::{SCENARIO, read_text, shipped};
 use scoring::evaluate::measurement::check_order;
 use storage::error::{Error, Result};
@@ -46,9 +46,6 @@ pub struct Tracker {
     /// The result for each dataset, if there is one.
     pub results: Vec<Option<PathBuf>>,
 }
-
-/// The table of a sweep's cases.
-const CASES: &str = "cases.csv";
 
 /// Maximum number of cases of a sweep that are shown.
 const MAX_CASES: usize = 100_000;
@@ -183,9 +180,8 @@ type Case = (String, Vec<String>);
 
 /// Axes and finished cases of a sweep: from its table, or from its folders if it is unfinished.
 fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
-    let table = folder.join(CASES);
     let is_case = |name: &str| is_name(name) && folder.join(name).join(MANIFEST).is_file();
-    if !table.is_file() {
+    if !folder.join(CASES).is_file() {
         let mut names: Vec<String> = std::fs::read_dir(folder)
             .map_err(|e| Error::read(folder, e))?
             .take(MAX_CASES)
@@ -195,22 +191,17 @@ fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
         names.sort_unstable();
         return Ok((Vec::new(), names.into_iter().map(|name| (name, Vec::new())).collect()));
     }
-    let mut reader = TableReader::open(&table)?;
-    let column = |name: &str| reader.column(name);
-    let (Some(dataset), Some(seed), Some(status)) = (column("dataset"), column("seed"), column("status"))
-    else {
-        return Err(Error::input(format!("{}: is not a table of a sweep's cases", table.display())));
-    };
-    let axes = (seed + 1..status).map(|i| reader.header()[i].clone()).collect();
+    let mut reader = CaseReader::open(folder)?.ok_or_else(|| {
+        Error::input(format!("{}: is not a table of a sweep's cases", folder.join(CASES).display()))
+    })?;
     let mut cases = Vec::new();
     for _ in 0..MAX_CASES {
-        let Some((_, cells)) = reader.next_row()? else { break };
-        if is_case(&cells[dataset]) {
-            let values = (seed + 1..status).map(|i| cells[i].to_owned());
-            cases.push((cells[dataset].to_owned(), values.collect()));
+        let Some(case) = reader.next_case()? else { break };
+        if is_case(&case.0) {
+            cases.push(case);
         }
     }
-    Ok((axes, cases))
+    Ok((reader.axes().to_vec(), cases))
 }
 
 /// Whether a text is a plain name, without separators.

@@ -35,11 +35,18 @@ pub const GENERATOR_VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Version of the layout of a dataset.
 pub const LAYOUT_VERSION: u32 = 1;
 
-/// Description of the coordinates.
-pub const COORDINATES: &str = "x_px and y_px are image coordinates: the centre of the top-left pixel is (1, 1), x grows to \
-the right along columns, y downward along rows; pixel k covers [k - 0.5, k + 0.5). z_um is the physical depth in um, zero in \
-the paraxial object plane, growing away from the lens. x_um and y_um are object-space coordinates from the middle of the \
-image, in the directions of x_px and y_px. Frames count from 0.";
+/// Description of the coordinates; `zero` completes "z_um is zero ...".
+pub fn coordinates(zero: &str) -> String {
+    format!(
+        "x_px and y_px are image coordinates: the centre of the top-left pixel is (1, 1), x grows to the right along columns, y \
+         downward along rows; pixel k covers [k - 0.5, k + 0.5). z_um is the physical depth in um, zero {zero}, growing away from \
+         the lens. x_um and y_um are object-space coordinates from the middle of the image, in the directions of x_px and y_px. \
+         Frames count from 0."
+    )
+}
+
+/// Where `z_um` of generated datasets is zero.
+pub const ZERO_OF_DATASETS: &str = "in the paraxial object plane";
 
 /// A manifest.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use dataset::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts};
+use dataset::manifest::{
+    GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts, ZERO_OF_DATASETS, coordinates,
+};
 
 use super::manifest::{bit_depth, waves};
 use super::truth::Census;
@@ -77,7 +79,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
          | seed | {seed} |\n\n\
          Motion: `{motion}`.{moved}\n\n\
          {shone}\
-         ## Axes and units\n\n{COORDINATES}\n\n\
+         ## Axes and units\n\n{axes}\n\n\
          ## Files\n\n\
          - `images/`: the frames. `particles/`: the MicroSIG data file of each, `settings.txt`: the settings of all.\n\
          - `truth/tracks.csv`: every particle in every frame. `truth/displacements.csv`: how each moved within a pair. \
@@ -111,6 +113,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         gate_xy = gates.xy_px,
         gate_z = gates.z_um,
         gate_isbi = gates.isbi_px,
+        axes = coordinates(ZERO_OF_DATASETS),
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
         um_per_px = scenario.scale.um_per_px(),

@@ -11,9 +11,9 @@ use super::{IMAGES, Ledger, Stem, calibration};
 use crate::preview::{Preview, SizeCurves};
 use dataset::Table;
 use dataset::manifest::{
-    COORDINATES, Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts, OpticsFacts,
+    Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts, OpticsFacts,
     ParticleImageFacts, Resource, ScoringGates, SensorFacts, SizeFacts, SnrFacts, TimingFacts,
-    TruthGridFacts, WaveFacts, resource, seal,
+    TruthGridFacts, WaveFacts, ZERO_OF_DATASETS, coordinates, resource, seal,
 };
 use scenario::license::License;
 use scenario::spec::Timing;
@@ -142,7 +142,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
         optics: optics(scenario),
         depth_range_um: Some([low, high]),
         depth_range_h_um: Some(high - low),
-        coordinates: Some(COORDINATES.to_owned()),
+        coordinates: Some(coordinates(ZERO_OF_DATASETS)),
         n_p: Some(n_p),
         n_ppp: Some(n_p / pixels),
         n_s: Some(n_p * image.area_px / (pixels * image_share)),

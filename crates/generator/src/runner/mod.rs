@@ -1,5 +1,6 @@
 //! Generates, renders, sweeps and verifies: images in parallel, folders written atomically.
 
+mod case_table;
 mod cost;
 mod frames;
 mod generate;
@@ -14,6 +15,7 @@ mod suite;
 mod sweep;
 mod verify;
 
+pub use case_table::{CASES, CaseReader};
 pub use cost::Cost;
 pub(crate) use generate::camera;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};

@@ -321,6 +321,7 @@ pub fn check_suite(
         differences: Vec::new(),
         seconds: 0.0,
     };
+    let mut unread: Vec<String> = Vec::new();
     let (bar, within) = progress.cases(mine.len() as u64);
     for (case, split) in &mine {
         progress.check()?;
@@ -332,6 +333,7 @@ pub fn check_suite(
         }?;
         let found = found.unwrap_or_else(|problems| {
             check.differences.extend(problems.iter().map(|problem| format!("{name}/{problem}")));
+            unread.push(name.clone());
             FrozenDataset::new()
         });
         let named = found.into_iter().map(|(part, hash)| (format!("{name}/{part}"), hash));
@@ -345,7 +347,7 @@ pub fn check_suite(
                 part.strip_prefix(&case.split_folder(*split)).is_some_and(|rest| rest.starts_with('/'))
             })
         };
-        let is_read = |part: &str| !check.differences.iter().any(|difference| same_dataset(difference, part));
+        let is_read = |part: &str| !unread.iter().any(|dataset| same_dataset(dataset, part));
         let mut differences = Vec::new();
         for (part, hash) in &check.hashes {
             match frozen.hashes.get(part) {

@@ -11,6 +11,7 @@ use std::time::Instant;
 use serde::Serialize;
 use serde_json::json;
 
+use super::case_table::{BEFORE_AXES, CASES};
 use super::generate::{GenerateOptions, generate_or_find};
 use super::progress::Progress;
 use super::shard::Shard;
@@ -78,9 +79,6 @@ pub struct Swept {
     /// Duration, s.
     pub seconds: f64,
 }
-
-/// Name of the table of all cases.
-const TABLE: &str = "cases.csv";
 
 /// Runs the cases of a shard. A case that fails is recorded with the reason and does not stop the sweep.
 ///
@@ -236,15 +234,12 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
 fn tabulate(sweep: &Sweep, out: &Path, replacing: bool) -> Result<(usize, usize)> {
     let (mut done, mut failures) = (0, 0);
     let mut table = csv::Writer::from_writer(Vec::new());
-    let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
+    let unwritable = |e: csv::Error| Error::Write { path: out.join(CASES), source: std::io::Error::other(e) };
     // The seed has its own column.
     let axes =
         || sweep.spec.axes.iter().map(|a| a.path.as_str()).enumerate().filter(|(_, path)| *path != "seed");
-    let header: Vec<&str> = ["case", "dataset", "repetition", "seed"]
-        .into_iter()
-        .chain(axes().map(|(_, path)| path))
-        .chain(Outcome::COLUMNS)
-        .collect();
+    let header: Vec<&str> =
+        BEFORE_AXES.into_iter().chain(axes().map(|(_, path)| path)).chain(Outcome::COLUMNS).collect();
     table.write_record(&header).map_err(unwritable)?;
     for case in &sweep.cases {
         let mut row = vec![
@@ -267,7 +262,7 @@ fn tabulate(sweep: &Sweep, out: &Path, replacing: bool) -> Result<(usize, usize)
     }
     if done + failures == sweep.cases.len() {
         let bytes = table.into_inner().map_err(|e| unwritable(csv::Error::from(e.into_error())))?;
-        save_changed(&out.join(TABLE), &bytes)?;
+        save_changed(&out.join(CASES), &bytes)?;
     }
     Ok((done, failures))
 }

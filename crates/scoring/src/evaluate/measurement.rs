@@ -7,7 +7,8 @@ use std::path::Path;
 use crate::results::sheet::shorten;
 use crate::results::{Conventions, Limits, TrackerResult};
 use dataset::manifest::MANIFEST;
-use dataset::{FieldRow, RecordingFacts, Row, TableReader, TrackRow};
+use dataset::{FieldRow, RecordingFacts, Row, TrackRow};
+use generator::runner::{CASES, CaseReader};
 use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
 use storage::input;
@@ -131,31 +132,22 @@ impl TableSize {
     }
 }
 
-/// Table of a sweep's cases, in the folder that holds the datasets.
-const CASES: &str = "cases.csv";
-
-/// The parameter values of a dataset that is a case of a sweep: the columns between `seed` and `status` of
-/// `cases.csv` in the parent folder. Empty for other datasets.
+/// The parameter values of a dataset that is a case of a sweep, from the table of cases in the parent folder.
+/// Empty for other datasets.
 ///
 /// # Errors
 /// A table of cases that cannot be read.
 pub(super) fn axes(dataset: &Path) -> Result<BTreeMap<String, serde_json::Value>> {
     let Ok(whole) = dataset.canonicalize() else { return Ok(BTreeMap::new()) };
     let (Some(sweep), Some(name)) = (whole.parent(), whole.file_name()) else { return Ok(BTreeMap::new()) };
-    let path = sweep.join(CASES);
-    if !whole.join(MANIFEST).is_file() || !path.is_file() {
+    if !whole.join(MANIFEST).is_file() || !sweep.join(CASES).is_file() {
         return Ok(BTreeMap::new());
     }
-    let mut table = TableReader::open(&path)?;
-    let header = table.header().to_vec();
-    let (Some(dataset), Some(seed), Some(status)) =
-        (table.column("dataset"), table.column("seed"), table.column("status"))
-    else {
-        return Ok(BTreeMap::new());
-    };
-    while let Some((_, cells)) = table.next_row()? {
-        if name == &cells[dataset] {
-            return Ok((seed + 1..status).map(|i| (header[i].clone(), value(&cells[i]))).collect());
+    let Some(mut cases) = CaseReader::open(sweep)? else { return Ok(BTreeMap::new()) };
+    while let Some((dataset, values)) = cases.next_case()? {
+        if *name == *dataset {
+            let axes = cases.axes().iter().cloned();
+            return Ok(axes.zip(values.iter().map(|text| value(text))).collect());
         }
     }
     Ok(BTreeMap::new())

@@ -234,7 +234,7 @@ impl Render for RayRenderer {
 
     fn description(&self) -> Description {
         Description {
-            optics: lens_phrase(&self.settings),
+            optics: lens_phrase(&self.settings, cylinder_phrase(&self.settings)),
             method: "traces rays from points on each particle through the lens (model: M. Rossi, Meas. Sci. Technol. 31, \
                      017003, 2020)",
         }
@@ -363,13 +363,17 @@ impl Render for RayRenderer {
     }
 }
 
-/// Magnification, aperture and cylinder as text.
-pub(super) fn lens_phrase(settings: &Settings) -> String {
-    let cylinder = match settings.cyl_focal_length {
+/// MicroSIG's cylindrical lens as text.
+pub(super) fn cylinder_phrase(settings: &Settings) -> String {
+    match settings.cyl_focal_length {
         0.0 => "no cylindrical lens".to_owned(),
         // One that is converted from focal planes has many digits.
         f => format!("a cylindrical lens of {} um", libm::rint(10.0 * f) / 10.0),
-    };
+    }
+}
+
+/// Magnification, aperture and cylindrical lens as text.
+pub(super) fn lens_phrase(settings: &Settings, cylinder: String) -> String {
     format!("M {}, NA {}, {cylinder}", settings.magnification, settings.numerical_aperture)
 }
 

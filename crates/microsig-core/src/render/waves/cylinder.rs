@@ -83,10 +83,11 @@ impl Cylinder {
 
 /// Magnification, aperture and cylinder as text.
 pub(super) fn lens_phrase(settings: &Settings, cylinder: Option<Cylinder>) -> String {
-    let phrase = rays::lens_phrase(settings);
-    let Some(Cylinder { focal_length_mm, to_sensor_mm }) = cylinder else { return phrase };
-    let [f, d] = [focal_length_mm, to_sensor_mm].map(|mm| libm::rint(100.0 * mm) / 100.0);
-    phrase.replace("no cylindrical lens", &format!("a cylindrical lens of {f} mm, {d} mm before the sensor"))
+    let real = cylinder.map(|Cylinder { focal_length_mm, to_sensor_mm }| {
+        let [f, d] = [focal_length_mm, to_sensor_mm].map(|mm| libm::rint(100.0 * mm) / 100.0);
+        format!("a cylindrical lens of {f} mm, {d} mm before the sensor")
+    });
+    rays::lens_phrase(settings, real.unwrap_or_else(|| rays::cylinder_phrase(settings)))
 }
 
 #[cfg(test)]
