@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
 use bench::cli::printable;
-use generator::runner::{Progress, Stop, Watched};
+use generator::runner::{Progress, Reports, Stop};
 use microsig_core::cancel::Cancellation;
 use pyo3::exceptions::{
     PyFileExistsError, PyFileNotFoundError, PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError,
@@ -87,12 +87,12 @@ impl From<bool> for Show<'_> {
 
 impl Show<'_> {
     /// Calls the callable if the progress changed.
-    fn report(&self, watched: &Watched, last: &mut Option<(String, u64, u64)>) -> PyResult<()> {
+    fn report(&self, reports: &Reports, last: &mut Option<(&'static str, u64, u64)>) -> PyResult<()> {
         let Show::Callable(callable) = self else { return Ok(()) };
-        let now = watched.now();
-        if now.is_some() && now != *last {
-            last.clone_from(&now);
-            callable.call1(now.unwrap_or_default())?;
+        let now = reports.now();
+        if let Some(now) = now.filter(|now| Some(*now) != *last) {
+            *last = Some(now);
+            callable.call1(now)?;
         }
         Ok(())
     }
@@ -106,11 +106,11 @@ pub(crate) fn run<'s, T: Send + 'static>(
     work: impl FnOnce(&Progress) -> storage::Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let (pool, stop, cancellation) = (pool(py)?, Stop::default(), Cancellation::default());
-    let (show, watched, mut reported) = (show.into(), Watched::default(), None);
+    let (show, (asked, reports), mut reported) = (show.into(), Progress::asked(), None);
     let shown = match &show {
         Show::Terminal(true) if std::io::stderr().is_terminal() => Progress::Bar,
         Show::Terminal(_) => Progress::Hidden,
-        Show::Callable(_) => Progress::Watched(watched.clone()),
+        Show::Callable(_) => asked,
     };
     let progress = Progress::Stoppable(stop.clone(), Box::new(shown));
     let (sender, receiver) = mpsc::channel();
@@ -133,7 +133,7 @@ pub(crate) fn run<'s, T: Send + 'static>(
     loop {
         match next(TICK) {
             Ok(Ok(result)) => {
-                show.report(&watched, &mut reported)?;
+                show.report(&reports, &mut reported)?;
                 return result.map_err(raise);
             }
             Ok(Err(panic)) => return Err(defect(panic.as_ref())),
@@ -141,7 +141,7 @@ pub(crate) fn run<'s, T: Send + 'static>(
                 return Err(PyRuntimeError::new_err("the thread that worked has ended"));
             }
             Err(mpsc::RecvTimeoutError::Timeout) => {
-                let heard = py.check_signals().and_then(|()| show.report(&watched, &mut reported));
+                let heard = py.check_signals().and_then(|()| show.report(&reports, &mut reported));
                 if let Err(signal) = heard {
                     stop.stop();
                     cancellation.cancel();

@@ -12,6 +12,7 @@ mod codabench;
 mod command;
 mod cylinder;
 mod exact;
+mod examples;
 mod expected;
 mod export;
 mod extremes;

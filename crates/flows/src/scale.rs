@@ -84,6 +84,11 @@ impl Scale {
         self.stretch.map_or(vector, |[_, inverse]| (inverse * DVec2::from(vector)).into())
     }
 
+    /// Physical depth over depth in MicroSIG's data files.
+    pub fn depth_factor(&self) -> f64 {
+        self.depth_factor
+    }
+
     /// Pixel size in object space, um.
     pub fn um_per_px(&self) -> f64 {
         self.um_per_px

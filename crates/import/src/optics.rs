@@ -77,7 +77,7 @@ impl Optics {
     pub(crate) fn at(&self, made: &Stacks, spinner: &Bar) -> Result<Model> {
         spinner.set_message("comparing the optics with the scan");
         let scenario = &self.scenario;
-        let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+        let depth_factor = scenario.depth_factor();
         let [_, d_um, _] = scenario.diameters_um();
         let stack = &made.central().images;
         let side = stack[0].width as u32;

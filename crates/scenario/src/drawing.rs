@@ -103,29 +103,24 @@ pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut P
     }
 }
 
-/// Checks light and objective for wave optics and adds each problem at its key; true if there is none.
-pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -> bool {
+/// Checks light and objective for wave optics and adds each problem at its key; `None` if there is one.
+pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -> Option<()> {
     let renderer = spec.renderer();
     let checked = match renderer.wave_optics() {
         None => renderer.field().validate(settings),
         // `mode` has reported that it is missing.
-        Some(_) if spec.render.wavelength_um.is_none() => return false,
+        Some(_) if spec.render.wavelength_um.is_none() => return None,
         Some(optics) => optics.validate(settings),
     };
-    match checked {
-        Ok(()) => return true,
-        Err(Core::Malformed(faults)) => {
-            for fault in faults {
-                let found = fault.message.strip_prefix(&format!("{} = ", fault.source_name));
-                match found.and_then(|found| found.split_once(": expected ")) {
-                    Some((found, allowed)) => problems.value(&fault.source_name, found, allowed),
-                    None => problems.other(&fault.source_name, fault.message),
-                }
-            }
+    let Err(Core::Malformed(faults)) = checked else { return problems.of("optics", checked) };
+    for fault in faults {
+        let found = fault.message.strip_prefix(&format!("{} = ", fault.source_name));
+        match found.and_then(|found| found.split_once(": expected ")) {
+            Some((found, allowed)) => problems.value(&fault.source_name, found, allowed),
+            None => problems.other(&fault.source_name, fault.message),
         }
-        Err(other) => drop(problems.of::<(), _>("optics", Err(other))),
     }
-    false
+    None
 }
 
 /// Fills in the defaults of `particles.photons` and checks the keys that conflict with it.

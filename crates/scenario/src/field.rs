@@ -12,9 +12,10 @@ use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::files::Files;
+use super::findings::Findings;
 use super::language::problems::Problems;
 use super::language::schema::joined;
+use super::motion::Motion;
 use storage::error::Result;
 
 macro_rules! field {
@@ -46,6 +47,14 @@ macro_rules! field {
             Mirrored(Changed<f::MirroredParams>),
         }
 
+        $(
+            impl From<f::$parameters> for Motion {
+                fn from(parameters: f::$parameters) -> Self {
+                    Field::$variant(parameters).into()
+                }
+            }
+        )*
+
         impl Field {
             /// Draws new seeds for all random fields, including nested ones.
             ///
@@ -71,28 +80,27 @@ macro_rules! field {
                 &mut self,
                 path: &str,
                 depths: DepthRange,
-                files: &mut Files<'_>,
-                problems: &mut Problems,
+                found: &mut Findings<'_>,
             ) -> Built {
                 let path = joined(path, &self.name());
                 macro_rules! changed {
                     ($kind:ident, $changed:expr) => {{
-                        let inner = $changed.field.build(&joined(&path, "field"), depths, files, problems)?;
-                        boxed(&path, f::$kind::new(inner, &$changed.by), problems)
+                        let inner = $changed.field.build(&joined(&path, "field"), depths, found)?;
+                        boxed(&path, f::$kind::new(inner, &$changed.by), &mut found.problems)
                     }};
                 }
                 match self {
                     $(Field::$variant(p) => {
                         p.fit_to(depths);
-                        problems.of(&path, p.build())
+                        found.problems.of(&path, p.build())
                     })*
-                    Field::Gridded(p) => p.build(&path, files, problems),
+                    Field::Gridded(p) => p.build(&path, found),
                     Field::Sum(fields) => {
                         let parts = fields.iter_mut().enumerate();
                         let parts: Option<Vec<_>> = parts
-                            .map(|(i, part)| part.build(&joined(&path, &i.to_string()), depths, files, problems))
+                            .map(|(i, part)| part.build(&joined(&path, &i.to_string()), depths, found))
                             .collect();
-                        boxed(&path, f::Sum::new(parts?), problems)
+                        boxed(&path, f::Sum::new(parts?), &mut found.problems)
                     }
                     Field::Scaled(p) => changed!(Scaled, p),
                     Field::Translated(p) => changed!(Translated, p),
@@ -167,9 +175,9 @@ impl Field {
 }
 
 impl Gridded {
-    fn build(&mut self, path: &str, files: &mut Files<'_>, problems: &mut Problems) -> Built {
+    fn build(&mut self, path: &str, found: &mut Findings<'_>) -> Built {
         let key = joined(path, "file");
-        let (file, bytes) = files.read(&key, &self.file, problems)?;
+        let (file, bytes) = found.read(&key, &self.file)?;
         let extension =
             Path::new(&self.file).extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let grid = match extension.as_str() {
@@ -178,7 +186,7 @@ impl Gridded {
             "vtk" => VelocityGrid::from_vtk(&bytes[..]),
             "vti" | "vtr" => VelocityGrid::from_vtk_xml(&bytes[..]),
             other => {
-                problems.value(
+                found.problems.value(
                     &key,
                     &self.file,
                     &format!("a .npy, .csv, .vtk, .vti or .vtr file, not `.{other}`"),
@@ -186,9 +194,9 @@ impl Gridded {
                 return None;
             }
         };
-        let grid = problems.of(&format!("{key}: {}", file.display()), grid)?;
-        let field = problems.of(path, f::Gridded::new(&grid, self.interpolation, self.periodic))?;
-        self.file = files.keep(&file, bytes);
+        let grid = found.problems.of(&format!("{key}: {}", file.display()), grid)?;
+        let field = found.problems.of(path, f::Gridded::new(&grid, self.interpolation, self.periodic))?;
+        self.file = found.keep(&file, bytes);
         Some(Box::new(field))
     }
 }

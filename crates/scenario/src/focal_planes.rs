@@ -21,9 +21,14 @@ pub struct CylinderFacts {
 }
 
 impl Optics {
+    /// Physical depth over depth in MicroSIG's data files; 1 unless given.
+    pub(super) fn depth_factor(&self) -> f64 {
+        self.depth_factor.unwrap_or(1.0)
+    }
+
     /// Ratio of a physical depth to the depth in air with the same defocus.
     fn depth_over_air(&self) -> f64 {
-        self.layers.map_or(1.0, |layers| layers.n_s) * self.depth_factor.unwrap_or(1.0)
+        self.layers.map_or(1.0, |layers| layers.n_s) * self.depth_factor()
     }
 
     /// The cylindrical lens in front of the camera; `None` without one, or if no lens has the given focal

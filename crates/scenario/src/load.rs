@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use flows::fields::UniformParams;
+
 use super::language::graft::{assigned, graft};
 use super::language::problems::Problems;
 use super::language::text::{Content, Node};
@@ -11,7 +13,7 @@ use super::language::{text, typed};
 use super::resolve::resolve;
 use super::resolved::Scenario;
 use super::source::{ScenarioText, read_text};
-use super::spec::{Spec, schema as scenario};
+use super::spec::{Motion, Spec, schema as scenario};
 use storage::error::{Error, Result};
 use storage::problem::{Place, Problem, Source};
 
@@ -123,6 +125,27 @@ pub fn of_dataset(dataset: &Path) -> Result<(Scenario, String)> {
     Ok((scenario, text))
 }
 
+/// Checks and resolves a scenario that a program has put together: its values have the ranges of a scenario
+/// file.
+///
+/// # Errors
+/// [`Error::Problems`] with all values that are out of range or contradict each other.
+pub fn build(spec: Spec, folder: &Path) -> Result<Scenario> {
+    let (motion, still) = match spec.motion {
+        Motion::Own(field) => (Some(Motion::Own(field)), UniformParams::default().into()),
+        listed => (None, listed),
+    };
+    let read = parse(&write(&Spec { motion: still, ..spec })?, "scenario").map_err(|error| match error {
+        // Places in the intermediate text are meaningless to the user.
+        Error::Problems(found) => {
+            Error::Problems(found.into_iter().map(|problem| Problem { place: None, ..problem }).collect())
+        }
+        other => other,
+    })?;
+    let motion = motion.unwrap_or_else(|| read.motion.clone());
+    resolve(Spec { motion, ..read }, folder)
+}
+
 /// The scenario with the value at `path` replaced.
 ///
 /// # Errors
@@ -155,7 +178,7 @@ pub fn assignment(text: &str) -> Result<(&str, &str)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::spec::{Diameter, Field, Motion, Number, Preset, Timing};
+    use super::super::spec::{Diameter, Field, Number, Preset, Timing};
     use super::*;
 
     const GOOD: &str = r#"(
@@ -427,7 +450,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
         assert_eq!(sequence.frames, 5);
         let flow = |path, value| match changed(path, value).motion {
             Motion::Flow(flow) => flow,
-            Motion::Tracks(_) => panic!(),
+            other => panic!("{other:?}"),
         };
         let flow_of = flow("motion.flow.field.poiseuille.direction_rad", "0.5");
         let Field::Poiseuille(p) = flow_of.field else { panic!() };

@@ -8,8 +8,7 @@ use microsig_core::sensor::{PixelMap, PixelMaps, PixelQuantity};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::files::Files;
-use super::language::problems::Problems;
+use super::findings::Findings;
 use super::spec::Sensor;
 
 /// Files with offset, gain and read noise of every pixel, in the conventions of Huang et al. 2013.
@@ -31,12 +30,7 @@ pub struct Maps {
 }
 
 /// Reads the maps of a sensor; `None` if there are problems. Keys that a map replaces must not be given.
-pub(super) fn read(
-    sensor: &mut Sensor,
-    settings: &Settings,
-    files: &mut Files<'_>,
-    problems: &mut Problems,
-) -> Option<PixelMaps> {
+pub(super) fn read(sensor: &mut Sensor, settings: &Settings, found: &mut Findings<'_>) -> Option<PixelMaps> {
     let none = Sensor::default();
     let Some(maps) = &mut sensor.maps else { return Some(PixelMaps::default()) };
     let mut read =
@@ -44,10 +38,10 @@ pub(super) fn read(
             let Some(name) = file.clone() else { return Some(None) };
             if value != default {
                 let allowed = format!("{default}, its default, as `maps.{key}` replaces it");
-                problems.value(&format!("sensor.{replaced}"), value, &allowed);
+                found.problems.value(&format!("sensor.{replaced}"), value, &allowed);
             }
             let path = format!("sensor.maps.{key}");
-            let (map, kept) = map(&path, &name, (settings, quantity), files, problems)?;
+            let (map, kept) = map(&path, &name, (settings, quantity), found)?;
             *file = Some(kept);
             Some(Some(map))
         };
@@ -70,22 +64,21 @@ fn map(
     key: &str,
     file: &str,
     (settings, quantity): (&Settings, PixelQuantity),
-    files: &mut Files<'_>,
-    problems: &mut Problems,
+    found: &mut Findings<'_>,
 ) -> Option<(PixelMap, String)> {
     let size = (settings.pixel_dim_x, settings.pixel_dim_y);
     let extension = Path::new(file).extension().unwrap_or_default().to_string_lossy().to_lowercase();
     if !["tif", "tiff", "npy"].contains(&extension.as_str()) {
-        problems.value(key, file, "a .tif, .tiff or .npy file");
+        found.problems.value(key, file, "a .tif, .tiff or .npy file");
         return None;
     }
-    let (path, bytes) = files.read(key, file, problems)?;
+    let (path, bytes) = found.read(key, file)?;
     let name = path.display().to_string();
     let read = match extension.as_str() {
         "npy" => npy::read(&bytes[..], &name, size),
         _ => tiff::read(std::io::Cursor::new(&bytes), &name, size),
     };
-    let values = problems.of(key, read)?;
-    problems.of(key, quantity.check(&values, settings.pixel_dim_x, &name))?;
-    Some((values.into(), files.keep(&path, bytes)))
+    let values = found.problems.of(key, read)?;
+    found.problems.of(key, quantity.check(&values, settings.pixel_dim_x, &name))?;
+    Some((values.into(), found.keep(&path, bytes)))
 }

@@ -1,5 +1,7 @@
 //! What moves the particles in a scenario: a velocity field and its placement, or recorded tracks.
 
+use std::sync::Arc;
+
 use dataset::{Row, TrackRow};
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
 use flows::registry::DepthRange;
@@ -9,8 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::field::Field;
-use super::files::Files;
-use super::language::problems::Problems;
+use super::findings::Findings;
 
 /// The source of particle motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -20,6 +21,32 @@ pub enum Motion {
     Flow(Flow),
     /// Particles follow recorded tracks.
     Tracks(Tracks),
+    /// A velocity field of a program that uses the libraries; a scenario file cannot have it.
+    #[serde(skip)]
+    Own(OwnField),
+}
+
+impl Motion {
+    /// Particles in a velocity field that is not built in.
+    pub fn own(field: impl VelocityField + 'static) -> Self {
+        Motion::Own(OwnField(Arc::new(field)))
+    }
+}
+
+impl From<Field> for Motion {
+    fn from(field: Field) -> Self {
+        Motion::Flow(Flow { field, placement: None, walls: Walls::default() })
+    }
+}
+
+/// A velocity field that is not built in. It equals its clones only.
+#[derive(Debug, Clone)]
+pub struct OwnField(pub(super) Arc<dyn VelocityField>);
+
+impl PartialEq for OwnField {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
 }
 
 /// A velocity field and its placement.
@@ -94,7 +121,7 @@ pub struct Tracks {
 #[derive(Debug)]
 pub enum MotionSource {
     /// A velocity field.
-    Field(Box<dyn VelocityField>),
+    Field(Arc<dyn VelocityField>),
     /// Tracks.
     Tracks(RecordedTracks),
 }
@@ -104,37 +131,33 @@ impl Flow {
     pub(super) fn build(
         &mut self,
         z_um: (f64, f64),
-        files: &mut Files<'_>,
-        problems: &mut Problems,
+        found: &mut Findings<'_>,
     ) -> Option<Box<dyn VelocityField>> {
         let depths = DepthRange { floor_um: z_um.0, ceiling_um: z_um.1 };
-        let field = self.field.build("motion.flow.field", depths, files, problems)?;
+        let field = self.field.build("motion.flow.field", depths, found)?;
         let Some(p) = self.placement else { return Some(field) };
         let turn =
             RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, center_um: p.center_um.into() };
         let placed = Rotated::new(field, &turn).and_then(|turned| {
             Translated::new(Box::new(turned), &TranslatedParams { offset_um: p.offset_um.into() })
         });
-        problems.of("motion.flow.placement", placed).map(|field| Box::new(field) as Box<dyn VelocityField>)
+        found
+            .problems
+            .of("motion.flow.placement", placed)
+            .map(|field| Box::new(field) as Box<dyn VelocityField>)
     }
 }
 
 impl Tracks {
     /// Reads the file.
-    pub(super) fn build(
-        &mut self,
-        scale: &Scale,
-        files: &mut Files<'_>,
-        warnings: &mut Vec<String>,
-        problems: &mut Problems,
-    ) -> Option<RecordedTracks> {
+    pub(super) fn build(&mut self, scale: &Scale, found: &mut Findings<'_>) -> Option<RecordedTracks> {
         const KEY: &str = "motion.tracks.file";
-        let (path, bytes) = files.read(KEY, &self.file, problems)?;
+        let (path, bytes) = found.read(KEY, &self.file)?;
         let name = path.display().to_string();
         let tracks = match RecordedTracks::from_csv(&bytes[..], scale) {
             Ok(tracks) => tracks,
             Err(faults) => {
-                faults.iter().for_each(|fault| problems.other(KEY, in_file(&name, fault)));
+                faults.iter().for_each(|fault| found.problems.other(KEY, in_file(&name, fault)));
                 return None;
             }
         };
@@ -142,9 +165,9 @@ impl Tracks {
         let unknown = |c: &&String| !TrackRow::table(&[]).columns.iter().any(|own| own.name == c.as_str());
         let unused: Vec<&str> = tracks.unused_columns().iter().filter(unknown).map(String::as_str).collect();
         if !unused.is_empty() {
-            warnings.push(format!("{KEY}: {name}: unused columns: {}", unused.join(", ")));
+            found.warn(format!("{KEY}: {name}: unused columns: {}", unused.join(", ")));
         }
-        self.file = files.keep(&path, bytes);
+        self.file = found.keep(&path, bytes);
         Some(tracks)
     }
 }

@@ -6,8 +6,7 @@ use microsig_core::render::waves::Lens;
 use microsig_core::sensor::{Detector, ImageFormat, NoiseRounding, PixelMaps, Response, Sensor};
 use microsig_core::stream::Streams;
 
-use super::files::Files;
-use super::language::problems::Problems;
+use super::findings::Findings;
 use super::maps;
 use super::spec::{self, Preset};
 use storage::error::Result;
@@ -17,20 +16,18 @@ use storage::error::Result;
 pub(super) fn optics(
     optics: &mut spec::Optics,
     in_photons: bool,
-    files: &mut Files<'_>,
-    warnings: &mut Vec<String>,
-    problems: &mut Problems,
+    found: &mut Findings<'_>,
 ) -> Option<Settings> {
     if optics.preset.is_some() && optics.settings.is_some() {
-        problems.other("optics", "expected either `preset` or `settings`, not both");
+        found.problems.other("optics", "expected either `preset` or `settings`, not both");
     }
     let mut settings = match optics.settings.clone() {
         Some(file) => {
-            let (path, bytes) = files.read("optics.settings", &file, problems)?;
+            let (path, bytes) = found.read("optics.settings", &file)?;
             let read = settings_file::read(&bytes[..], &path.display().to_string());
-            let read = problems.of("optics.settings", read)?;
-            warnings.extend(read.warnings);
-            optics.settings = Some(files.keep(&path, bytes));
+            let read = found.problems.of("optics.settings", read)?;
+            found.warnings.extend(read.warnings);
+            optics.settings = Some(found.keep(&path, bytes));
             read.settings
         }
         // Without a preset or a file, keys that are not given have the values of setting 1.
@@ -46,11 +43,14 @@ pub(super) fn optics(
         settings.gain = 1.0;
     }
     optics.apply(&mut settings);
-    let depth_factor = *optics.depth_factor.get_or_insert(1.0);
+    let depth_factor = optics.depth_factor();
+    optics.depth_factor = Some(depth_factor);
     let given = optics.focal_planes_um.is_some();
     if let Some(apart_um) = optics.focal_planes_um.take() {
         if optics.cyl_focal_length.is_some() {
-            problems.other("optics", "expected either `cyl_focal_length` or `focal_planes_um`, not both");
+            found
+                .problems
+                .other("optics", "expected either `cyl_focal_length` or `focal_planes_um`, not both");
         }
         let distance_um = settings.focal_length * (1.0 + 1.0 / settings.magnification);
         let lens = optics.lens.unwrap_or_default();
@@ -66,7 +66,7 @@ pub(super) fn optics(
                         format!("less than {most_um:.0}, as no cylindrical lens reaches this distance")
                     }
                 };
-                problems.value("optics.focal_planes_um", apart_um, &allowed);
+                found.problems.value("optics.focal_planes_um", apart_um, &allowed);
             }
         }
     }
@@ -74,13 +74,13 @@ pub(super) fn optics(
         let virtual_lens =
             optics.cyl_focal_length.is_some_and(|f| f != 0.0) || settings.cyl_focal_length != 0.0 && given;
         if virtual_lens {
-            problems.other("optics.cylinder", "expected either `cylinder` or MicroSIG's virtual lens (`cyl_focal_length`, `focal_planes_um`), not both");
+            found.problems.other("optics.cylinder", "expected either `cylinder` or MicroSIG's virtual lens (`cyl_focal_length`, `focal_planes_um`), not both");
         }
         // A preset's virtual lens is replaced.
         settings.cyl_focal_length = 0.0;
         optics.fill(&settings);
         if let (None, spec::Cylinder::Planes { apart_um, growth }) = (optics.cylinder_lens(), cylinder) {
-            problems.value(
+            found.problems.value(
                 "optics.cylinder.planes",
                 format!("(apart_um: {apart_um}, growth: {growth})"),
                 "a growth below 1 with a negative apart_um (converging lens), or above 1 with a positive one",
@@ -90,11 +90,11 @@ pub(super) fn optics(
     optics.fill(&settings);
     if settings.ri_lens <= settings.ri_medium {
         let allowed = format!("a number > ri_medium = {}", settings.ri_medium);
-        problems.value("optics.ri_lens", settings.ri_lens, &allowed);
+        found.problems.value("optics.ri_lens", settings.ri_lens, &allowed);
         return None;
     }
     let largest = optics.lens.unwrap_or_default().largest_aperture(optics.layers.as_ref());
-    problems.of("optics", settings.validate_immersed(largest)).map(|()| settings)
+    found.problems.of("optics", settings.validate_immersed(largest)).map(|()| settings)
 }
 
 /// Focal length (um; 0: no lens) of the cylindrical lens that shifts the plane in focus along x by
@@ -189,28 +189,27 @@ pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Optio
 pub(super) fn detector(
     sensor: &mut spec::Sensor,
     settings: Option<&Settings>,
-    files: &mut Files<'_>,
-    problems: &mut Problems,
+    found: &mut Findings<'_>,
 ) -> Option<Detector> {
     let background = match (sensor.background.clone(), settings) {
         // Without settings, only values that do not depend on them are checked.
         (None, _) | (_, None) => None,
         (Some(file), Some(settings)) => {
-            let (path, bytes) = files.read("sensor.background", &file, problems)?;
+            let (path, bytes) = found.read("sensor.background", &file)?;
             let size = (settings.pixel_dim_x, settings.pixel_dim_y);
             let read = tiff::read(std::io::Cursor::new(&bytes), &path.display().to_string(), size);
-            let counts = problems.of("sensor.background", read)?;
-            sensor.background = Some(files.keep(&path, bytes));
+            let counts = found.problems.of("sensor.background", read)?;
+            sensor.background = Some(found.keep(&path, bytes));
             Some(counts)
         }
     };
     let maps = match settings {
-        Some(settings) => maps::read(sensor, settings, files, problems)?,
+        Some(settings) => maps::read(sensor, settings, found)?,
         None => PixelMaps::default(),
     };
     let detector = sensor.detector(background, maps);
     let checked = detector.validate(settings.unwrap_or(&Settings::setting1()));
-    problems.of("sensor", checked).map(|()| detector)
+    found.problems.of("sensor", checked).map(|()| detector)
 }
 
 #[cfg(test)]

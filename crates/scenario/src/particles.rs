@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use super::brightness::{Brightness, Emitted, Growth, PhotonScale, Photons};
-use super::files::Files;
+use super::findings::Findings;
 use super::language::problems::Problems;
 use storage::error::Result;
 use visibility::DepthScan;
@@ -412,10 +412,9 @@ impl Particles {
         (scale, settings): (&Scale, &Settings),
         z_um: (f64, f64),
         stack: impl FnOnce() -> Result<DepthScan>,
-        files: &mut Files<'_>,
-        problems: &mut Problems,
+        found: &mut Findings<'_>,
     ) -> Option<Seeding> {
-        let view = problems.of("boundaries", scale.view(z_um.0, z_um.1, 0.0))?;
+        let view = found.problems.of("boundaries", scale.view(z_um.0, z_um.1, 0.0))?;
         let number = self.number.get_or_insert(Number::Count(DEFAULT_COUNT));
         let seeding = match number {
             Number::Count(n) => Ok(Seeding::count_in_view(*n, view, diameters)),
@@ -426,12 +425,12 @@ impl Particles {
             Number::PerUm3(density) => Seeding::poisson(*density, diameters),
             Number::NS(n_s) => {
                 // The area of an image can be computed only if everything else is valid.
-                if problems.any() {
+                if found.problems.any() {
                     return None;
                 }
-                let area_px = problems.of("particles.number.n_s", stack())?.area_px();
+                let area_px = found.problems.of("particles.number.n_s", stack())?.area_px();
                 if area_px == 0.0 {
-                    problems.value(
+                    found.problems.value(
                         "particles.number.n_s",
                         *n_s,
                         "optics in which particles are visible (gain > 0)",
@@ -442,11 +441,11 @@ impl Particles {
                 Seeding::mean_in_view(mean, view, diameters)
             }
             Number::File(file) => {
-                let (path, bytes) = files.read("particles.number.file", file, problems)?;
+                let (path, bytes) = found.read("particles.number.file", file)?;
                 let read: Result<_> =
                     data_file::read(&bytes[..], &path.display().to_string()).map_err(Into::into);
-                let listed = problems.of("particles.number.file", read)?;
-                *file = files.keep(&path, bytes);
+                let listed = found.problems.of("particles.number.file", read)?;
+                *file = found.keep(&path, bytes);
                 let object = |p: &microsig_core::Particle| {
                     scale.to_object(flows::scale::ImagePoint { x_px: p.x_px, y_px: p.y_px, z_um: p.z_um })
                 };
@@ -459,6 +458,6 @@ impl Particles {
             Placement::Apart(gap_um) => seeding.apart(gap_um),
             Placement::ApartInImage(gap_um) => seeding.apart_in_image(gap_um),
         });
-        problems.of("particles", placed)
+        found.problems.of("particles", placed)
     }
 }

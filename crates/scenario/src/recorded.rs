@@ -6,7 +6,7 @@ use glam::DVec3;
 use microsig_core::render::Renderer;
 use microsig_core::{Particle, Spheroid};
 
-use super::language::problems::Problems;
+use super::findings::Findings;
 use super::particles::Cloud;
 use super::recordings::Recordings;
 
@@ -20,12 +20,11 @@ pub(super) fn check_tracks(
     cloud: &Cloud,
     (diameters, renderer, scale): (&Diameters, &Renderer, &Scale),
     (recordings, z_um): (&Recordings, (f64, f64)),
-    warnings: &mut Vec<String>,
-    problems: &mut Problems,
+    found: &mut Findings<'_>,
 ) {
     if cloud.photons.is_some() && tracks.rows().iter().any(|row| row.c_int.is_some()) {
         let what = "expected nothing: the column `c_int` of the tracks gives the brightness of particles";
-        problems.other("particles.photons", what);
+        found.problems.other("particles.photons", what);
     }
     const KEY: &str = "motion.tracks.file";
     let (mut wrong, mut drawn_badly, mut beyond, mut late) = (0, 0, 0, 0);
@@ -39,11 +38,11 @@ pub(super) fn check_tracks(
             match renderer.check(&particle) {
                 Err(e) if wrong < MAX_LISTED => {
                     wrong += 1;
-                    problems.other(KEY, in_line(e.to_string()));
+                    found.problems.other(KEY, in_line(e.to_string()));
                 }
                 Ok(Some(warning)) if drawn_badly < MAX_LISTED => {
                     drawn_badly += 1;
-                    warnings.push(in_line(warning));
+                    found.warn(in_line(warning));
                 }
                 _ => {}
             }
@@ -51,15 +50,15 @@ pub(super) fn check_tracks(
         beyond += usize::from(row.position.z < z_um.0 || row.position.z > z_um.1);
         late += usize::from(row.frame >= recordings.frames());
     }
-    problems.0.dedup();
+    found.problems.0.dedup();
     if beyond > 0 {
-        warnings.push(format!(
+        found.warn(format!(
             "{beyond} rows of the tracks are outside boundaries.z_um = ({}, {}): they are rendered, but not scored",
             z_um.0, z_um.1
         ));
     }
     if late > 0 {
-        warnings.push(format!(
+        found.warn(format!(
             "{late} rows of the tracks are in frames after the last one, {}, and are omitted",
             recordings.frames() - 1
         ));

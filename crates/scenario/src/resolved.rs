@@ -1,5 +1,7 @@
 //! A resolved scenario: all defaults filled in, all rules checked.
 
+use std::path::Path;
+
 use flows::scale::Scale;
 use flows::tracks::ParticleDefaults;
 use flows::{
@@ -12,16 +14,17 @@ use microsig_core::render::Renderer;
 use microsig_core::sensor::{Detector, Response, Sensor};
 use microsig_core::stream::Streams;
 
-use super::files::Input;
+use super::findings::{Findings, Input};
 use super::focal_planes::CylinderFacts;
+use super::imaging::scan;
 use super::license::License;
 use super::motion::MotionSource;
 use super::optics::{response, sensor};
 use super::particles::Cloud;
 use super::recordings::Recordings;
-use super::spec::{Calibration, Spec};
+use super::spec::{Calibration, Number, Spec};
 use super::truth_grid::Nodes;
-use storage::error::Result;
+use storage::error::{Error, Result};
 use storage::table_cache::context;
 use visibility::{DepthScan, NoiseFree};
 
@@ -208,15 +211,17 @@ impl Scenario {
         ))
     }
 
+    /// Physical depth over depth in MicroSIG's data files.
+    pub fn depth_factor(&self) -> f64 {
+        self.scale.depth_factor()
+    }
+
     /// Noise-free images of a sphere of diameter `d_um` (um) through a range of physical depths (um).
     ///
     /// # Errors
     /// Depths at which the particle cannot be rendered.
     pub fn scan(&self, d_um: f64, range_um: (f64, f64)) -> Result<DepthScan> {
-        let depth_factor = self.spec.optics.depth_factor.unwrap_or(1.0);
-        let draw =
-            |settings: &Settings| Ok(self.spec.renderer().for_depth_scans().build(settings, &context())?);
-        DepthScan::measure(draw, &self.settings, d_um, range_um, depth_factor)
+        scan(&self.spec, (&self.settings, self.depth_factor()), d_um, range_um)
     }
 
     /// [`Self::scan`] of the mean diameter through the depth range.
@@ -278,5 +283,50 @@ impl Scenario {
     pub fn truth_grid(&self) -> Option<Nodes> {
         let size_px = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
         self.spec.truth_grid.as_ref()?.nodes(size_px, self.depth_range_um)
+    }
+
+    /// Replaces the seed of all random numbers.
+    pub fn reseed(&mut self, seed: u64) {
+        (self.spec.seed, self.streams) = (seed, Streams::new(seed));
+    }
+
+    /// Whether [`Self::replace`] can replace the value at a path: no section but its own depends on it.
+    pub fn can_replace(&self, path: &str) -> bool {
+        match path {
+            "optics.background_mean" | "optics.background_noise" => true,
+            // The extent of Gaussian spots depends on the gain.
+            "optics.gain" => self.spec.optics.gaussian.is_none(),
+            "particles.number.count" | "particles.number.ppp" => self.field().is_some(),
+            _ => false,
+        }
+    }
+
+    /// Replaces the value at a path for which [`Self::can_replace`] is true, and resolves its section again; the
+    /// value must be within its range. The result is the scenario that would be resolved with this value,
+    /// except for its warnings.
+    ///
+    /// # Errors
+    /// [`Error::Problems`] if the particles do not fit into the box.
+    pub fn replace(&mut self, path: &str, value: f64) -> Result<()> {
+        let (optics, particles) = (&mut self.spec.optics, &mut self.spec.particles);
+        match path {
+            "optics.background_mean" => optics.background_mean = Some(value),
+            "optics.background_noise" => optics.background_noise = Some(value),
+            "optics.gain" => optics.gain = Some(value),
+            "particles.number.count" => particles.number = Some(Number::Count(value as u32)),
+            "particles.number.ppp" => particles.number = Some(Number::Ppp(value)),
+            _ => return Err(Error::input(format!("{path}: cannot be replaced in a resolved scenario"))),
+        }
+        optics.apply(&mut self.settings);
+        if path.starts_with("particles") {
+            let (mut found, region) = (Findings::new(Path::new(".")), self.domain.region());
+            let scan = || Err(Error::input("particles.number: a source density cannot be replaced"));
+            let (diameters, optics) = (self.seeding.diameters().clone(), (&self.scale, &self.settings));
+            let z_um = (region.min().z, region.max().z);
+            let seeding = particles.seeding(diameters, optics, z_um, scan, &mut found);
+            found.problems.finish()?;
+            self.seeding = seeding.ok_or_else(|| Error::input("particles: cannot be placed"))?;
+        }
+        Ok(())
     }
 }

@@ -23,7 +23,7 @@ use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;
 pub use super::maps::Maps;
-pub use super::motion::{FieldPlacement, Flow, Motion, Tracks, Walls};
+pub use super::motion::{FieldPlacement, Flow, Motion, OwnField, Tracks, Walls};
 pub use super::particles::{
     Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
     Placement, Settling, Spheroids,
@@ -105,6 +105,28 @@ fn license() -> String {
 }
 
 impl Spec {
+    /// A scenario of this name in which everything else has its default.
+    pub fn new(name: impl Into<String>, motion: Motion, timing: Timing) -> Self {
+        Spec {
+            name: name.into(),
+            description: String::new(),
+            license: license(),
+            seed: 0,
+            optics: Optics::default(),
+            sensor: None,
+            motion,
+            particles: Particles::default(),
+            boundaries: Boundaries::default(),
+            timing,
+            illumination: None,
+            render: Render::default(),
+            image_format: None,
+            truth: TruthColumns::default(),
+            truth_grid: None,
+            calibration: None,
+        }
+    }
+
     /// The renderer and its options.
     pub fn renderer(&self) -> RendererSpec {
         let spheroids = self.render.spheroids;

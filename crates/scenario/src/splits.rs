@@ -92,7 +92,7 @@ pub fn derived_seed(seed: u64, name: &str) -> u64 {
 pub fn reseeded(mut spec: Spec, mut draw: impl FnMut() -> Result<u64>) -> Result<Spec> {
     match &mut spec.motion {
         Motion::Flow(flow) => flow.field.reseed(&mut draw)?,
-        Motion::Tracks(_) => {}
+        Motion::Tracks(_) | Motion::Own(_) => {}
     }
     Ok(spec)
 }

@@ -94,7 +94,7 @@ fn check(scenario: &Scenario) -> Result<()> {
         return known("particle positions come from a file");
     }
     match scenario.spec.motion {
-        Motion::Flow(_) => Ok(()),
+        Motion::Flow(_) | Motion::Own(_) => Ok(()),
         Motion::Tracks(_) => known("particles follow recorded tracks"),
     }
 }

@@ -183,7 +183,7 @@ impl OpenDataset {
         let optics = self.optics()?;
         let scenario = &optics.0;
         let cell = |name: &str| tracks.column(name).map_or(f64::NAN, |k| row[k]);
-        let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+        let depth_factor = scenario.depth_factor();
         let light = if cell("light").is_finite() { cell("light") } else { 1.0 };
         let spheroid =
             Spheroid { e_p: cell("e_p"), alpha_rad: cell("alpha_rad"), beta_rad: cell("beta_rad") };

@@ -133,7 +133,7 @@ pub struct Facts {
     /// Length of the depth range, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_range_h_um: Option<f64>,
-    /// [`COORDINATES`].
+    /// Text of [`coordinates`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinates: Option<String>,
     /// Visible particles per frame, mean over frames.

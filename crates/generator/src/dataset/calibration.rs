@@ -106,7 +106,7 @@ fn settings(scenario: &Scenario, camera: &Camera, particles: &[Particle]) -> Set
 }
 
 fn particle(scenario: &Scenario, d_um: f64, z_um: f64) -> Particle {
-    let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let depth_factor = scenario.depth_factor();
     let sphere = Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um);
     // Without photons, the stack's particle has `c_int` 1, independent of that of the dataset's particles.
     match scenario.cloud.photons {

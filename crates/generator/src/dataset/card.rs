@@ -117,7 +117,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
         um_per_px = scenario.scale.um_per_px(),
-        depth_factor = spec.optics.depth_factor.unwrap_or(1.0),
+        depth_factor = scenario.depth_factor(),
         again = match scenario.streams.seed() {
             Some(_) => "`microsig generate scenario.ron`",
             None => "`microsig verify --regenerate`, with the key in `secret_key.txt`,",

@@ -177,7 +177,7 @@ impl Preview {
         let settings = &scenario.settings;
         let (waves, mean) = (waves_of_lens(scenario), &scans[middle]);
         let wavelength_um = waves.as_ref().map_or(GREEN_UM, |waves| waves.optics().wavelength_um);
-        let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+        let factor = scenario.depth_factor();
         let response = scenario.response()?;
         let in_view = in_view(scenario)?;
         let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
@@ -324,7 +324,7 @@ fn waves_of_lens(scenario: &Scenario) -> Option<WavesRenderer> {
 fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<SizeCurves> {
     let response = scenario.response()?;
     let noise = response.background_noise;
-    let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let factor = scenario.depth_factor();
     let peaks = scenario.peak_counts(response.slope, d_um, scan);
     let depths: Vec<DepthFacts> = (scan.depths_um.iter().zip(&scan.images).zip(peaks))
         .map(|((&z_um, spot), peak_counts)| {

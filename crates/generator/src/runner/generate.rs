@@ -95,7 +95,7 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
 }
 
 /// The camera that records the frames of a scenario.
-pub(super) fn camera(scenario: &Scenario) -> Result<Camera> {
+pub(crate) fn camera(scenario: &Scenario) -> Result<Camera> {
     let camera = Camera::of_dataset(scenario, scenario.renderer.clone(), scenario.detector.as_ref())?;
     Ok(camera.every(scenario.recordings.dt_s()))
 }

@@ -17,11 +17,13 @@ mod verify;
 
 pub use case_table::{CASES, CaseReader};
 pub use cost::Cost;
+pub(crate) use generate::camera;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
 pub use memory::{Calibration, MemoryDataset};
-pub use progress::{Bar, Progress, Stop, Tables, Watched};
+pub use progress::{Bar, Progress, Stop, Tables};
 pub use recording::Frames;
 pub use render::{RenderOptions, Rendered, render, render_particles};
+pub use reports::Reports;
 pub use shard::Shard;
 pub use suite::{
     FROZEN, Frozen, FrozenDataset, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection, check_suite,

@@ -24,12 +24,10 @@ pub enum Progress {
     Bar,
     /// Bars below existing ones.
     Below(MultiProgress),
-    /// Lines or JSON instead of bars; whether for a part of a longer task.
+    /// Reports instead of bars; whether without notes, as for a part of a longer task.
     Reports(Arc<Reports>, bool),
     /// No bars.
     Hidden,
-    /// Bars that another thread looks at.
-    Watched(Watched),
     /// Work that another thread may stop.
     Stoppable(Stop, Box<Progress>),
 }
@@ -47,31 +45,6 @@ impl Stop {
     /// Whether the work is to stop.
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
-    }
-}
-
-/// Bars of work that another thread looks at; clones share them.
-#[derive(Debug, Clone, Default)]
-pub struct Watched(Arc<Mutex<Vec<(String, ProgressBar)>>>);
-
-impl Watched {
-    /// What is being made, how many are done, and how many there are (0 if that is unknown): of the bar that
-    /// was begun last and has not finished, or of the last of all.
-    pub fn now(&self) -> Option<(String, u64, u64)> {
-        let mut bars = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        while bars.len() > 1 && bars.last().is_some_and(|(_, bar)| bar.is_finished()) {
-            bars.pop();
-        }
-        let (what, bar) = bars.last()?;
-        Some((what.clone(), bar.position(), bar.length().unwrap_or(0)))
-    }
-
-    fn begin(&self, what: &str, length: Option<u64>) -> Bar {
-        let bar = ProgressBar::hidden();
-        length.into_iter().for_each(|n| bar.set_length(n));
-        let mut bars = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        bars.push((what.to_owned(), bar.clone()));
-        Bar { bar, reported: None }
     }
 }
 
@@ -98,13 +71,19 @@ impl Progress {
         Progress::Reports(Reports::start(Form::Json, report), false)
     }
 
+    /// Progress that another thread asks for.
+    pub fn asked() -> (Self, Arc<Reports>) {
+        let reports = Reports::start(Form::Asked, |_| ());
+        (Progress::Reports(Arc::clone(&reports), true), reports)
+    }
+
     /// Whether notes are printed: not if bars are hidden, and not for a part of a longer task.
     pub(crate) fn has_notes(&self) -> bool {
         match self {
             Progress::Bar => true,
             Progress::Stoppable(_, shown) => shown.has_notes(),
             Progress::Reports(_, is_part) => !is_part,
-            Progress::Below(_) | Progress::Hidden | Progress::Watched(_) => false,
+            Progress::Below(_) | Progress::Hidden => false,
         }
     }
 
@@ -125,11 +104,11 @@ impl Progress {
     pub fn cases(&self, n: u64) -> (Bar, Progress) {
         match self {
             Progress::Hidden => (Bar::default(), Progress::Hidden),
+            // The parts would only interrupt it.
+            Progress::Reports(reports, _) if reports.are_asked() => (self.bar(n, "cases"), Progress::Hidden),
             Progress::Reports(reports, _) => {
                 (self.bar(n, "cases"), Progress::Reports(Arc::clone(reports), true))
             }
-            // Its parts would only interrupt it.
-            Progress::Watched(watched) => (watched.begin("cases", Some(n)), Progress::Hidden),
             Progress::Stoppable(stop, shown) => {
                 let (bar, within) = shown.cases(n);
                 (bar, Progress::Stoppable(stop.clone(), Box::new(within)))
@@ -145,7 +124,6 @@ impl Progress {
     pub fn spinner(&self, what: &'static str) -> Bar {
         let bar = match self {
             Progress::Hidden => return Bar::default(),
-            Progress::Watched(watched) => return watched.begin(what, None),
             Progress::Stoppable(_, shown) => return shown.spinner(what),
             Progress::Reports(reports, _) => return Bar::reported(reports, 0, what),
             Progress::Bar => BARS.add(ProgressBar::new_spinner()),
@@ -162,7 +140,6 @@ impl Progress {
     fn bar(&self, n: u64, what: &'static str) -> Bar {
         let bar = match self {
             Progress::Hidden => return Bar::default(),
-            Progress::Watched(watched) => return watched.begin(what, Some(n)),
             Progress::Stoppable(_, shown) => return shown.bar(n, what),
             Progress::Reports(reports, _) => return Bar::reported(reports, n, what),
             Progress::Bar => BARS.add(ProgressBar::new(n)),

@@ -1,7 +1,8 @@
-//! Progress where bars cannot be drawn: lines for the readers of logs, JSON for programs.
+//! Progress where bars cannot be drawn: lines for the readers of logs, JSON for programs, the task under way
+//! for a thread that asks.
 
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar};
@@ -15,6 +16,8 @@ pub(super) enum Form {
     Lines,
     /// One JSON object per task and line, also when a task begins and when it ends.
     Json,
+    /// Nothing is written: another thread calls [`Reports::now`].
+    Asked,
 }
 
 /// Why a task is reported as JSON.
@@ -27,19 +30,22 @@ enum Event {
 }
 
 impl Form {
-    fn period(self) -> Duration {
+    fn period(self) -> Option<Duration> {
         match self {
-            Form::Lines => Duration::from_secs(60),
-            Form::Json => Duration::from_secs(1),
+            Form::Lines => Some(Duration::from_secs(60)),
+            Form::Json => Some(Duration::from_secs(1)),
+            Form::Asked => None,
         }
     }
 }
 
-/// Reports the running tasks again and again, from a thread that ends with the last reference.
+/// The running tasks, reported again and again from a thread that ends with the last reference, or when
+/// another thread asks.
 pub struct Reports {
     form: Form,
     write: Box<dyn Fn(&str) + Send + Sync>,
-    tasks: Mutex<Vec<Weak<Task>>>,
+    /// The running tasks in the order of their beginnings; the last one is kept when it has ended.
+    tasks: Mutex<Vec<Arc<Task>>>,
 }
 
 /// A task under way.
@@ -61,8 +67,13 @@ impl Reports {
         Self::every(form.period(), form, write)
     }
 
-    fn every(period: Duration, form: Form, write: impl Fn(&str) + Send + Sync + 'static) -> Arc<Self> {
+    fn every(
+        period: Option<Duration>,
+        form: Form,
+        write: impl Fn(&str) + Send + Sync + 'static,
+    ) -> Arc<Self> {
         let reports = Arc::new(Reports { form, write: Box::new(write), tasks: Mutex::default() });
+        let Some(period) = period else { return reports };
         let again = Arc::downgrade(&reports);
         // Without the thread, only JSON of beginnings and ends is written.
         let _ = std::thread::Builder::new().name("progress".to_owned()).spawn(move || {
@@ -80,19 +91,40 @@ impl Reports {
     /// Begins a task; it ends when it is dropped.
     pub(super) fn task(self: &Arc<Self>, what: &'static str, bar: ProgressBar) -> Reported {
         let task = Arc::new(Task { what, since: Instant::now(), bar });
-        self.tasks.lock().unwrap_or_else(PoisonError::into_inner).push(Arc::downgrade(&task));
+        self.tasks().push(Arc::clone(&task));
         let reported = Reported { reports: Arc::clone(self), task };
         reported.tell(Event::Begin);
         reported
     }
 
+    /// The list of tasks, without those that have ended before the last one began.
+    fn tasks(&self) -> MutexGuard<'_, Vec<Arc<Task>>> {
+        let mut tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner);
+        let last = tasks.pop();
+        tasks.retain(|task| task.is_running());
+        tasks.extend(last);
+        tasks
+    }
+
+    /// What is being made, how many are done, and how many there are (0 if that is unknown): of the task that
+    /// began last and still runs, or of the last of all.
+    pub fn now(&self) -> Option<(&'static str, u64, u64)> {
+        let tasks = self.tasks();
+        let task = tasks.iter().rfind(|task| task.is_running()).or(tasks.last())?;
+        Some((task.what, task.bar.position(), task.total().unwrap_or(0)))
+    }
+
+    /// Whether another thread asks for the task under way.
+    pub(super) fn are_asked(&self) -> bool {
+        self.form == Form::Asked
+    }
+
     /// Reports all running tasks.
     fn all(&self) {
-        let mut tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner);
-        tasks.retain(|task| task.strong_count() > 0);
-        let running: Vec<Arc<Task>> = tasks.iter().filter_map(Weak::upgrade).collect();
-        drop(tasks);
+        let mut running = self.tasks().clone();
+        running.retain(|task| task.is_running());
         match self.form {
+            Form::Asked => {}
             Form::Json => running.iter().for_each(|task| (self.write)(&task.json(Event::Progress))),
             Form::Lines => line(&running).iter().for_each(|line| (self.write)(line)),
         }
@@ -117,6 +149,7 @@ impl Reported {
 impl Drop for Reported {
     fn drop(&mut self) {
         self.tell(Event::End);
+        self.task.bar.abandon();
     }
 }
 
@@ -127,6 +160,10 @@ impl fmt::Debug for Task {
 }
 
 impl Task {
+    fn is_running(&self) -> bool {
+        !self.bar.is_finished()
+    }
+
     /// The number of parts; `None` if it is unknown.
     fn total(&self) -> Option<u64> {
         self.bar.length().filter(|total| *total > 0)
@@ -209,7 +246,7 @@ mod tests {
         let (sender, lines) = mpsc::channel();
         let sender = Mutex::new(sender);
         let write = move |line: &str| sender.lock().unwrap().send(line.to_owned()).unwrap_or_default();
-        let reports = Reports::every(Duration::from_millis(5), Form::Lines, write);
+        let reports = Reports::every(Some(Duration::from_millis(5)), Form::Lines, write);
         let images = bar(8, 0);
         let task = reports.task("images", images.clone());
         images.set_position(2);
@@ -223,11 +260,28 @@ mod tests {
     }
 
     #[test]
+    fn whoever_asks_gets_the_task_that_began_last() {
+        let reports = Reports::start(Form::Asked, |_| ());
+        assert_eq!(reports.now(), None);
+        let cases = reports.task("cases", bar(3, 1));
+        let images = reports.task("images", bar(8, 2));
+        assert_eq!(reports.now(), Some(("images", 2, 8)));
+        drop(images);
+        assert_eq!(reports.now(), Some(("cases", 1, 3)));
+        cases.task.bar.set_position(3);
+        drop(cases);
+        // Of all that have ended, the last one.
+        assert_eq!(reports.now(), Some(("images", 2, 8)));
+        drop(reports.task("frames", bar(5, 5)));
+        assert_eq!(reports.now(), Some(("frames", 5, 5)));
+    }
+
+    #[test]
     fn json_has_the_beginning_and_the_end_of_every_task() {
         let lines: Arc<Mutex<Vec<serde_json::Value>>> = Arc::default();
         let kept = Arc::clone(&lines);
         let write = move |line: &str| kept.lock().unwrap().push(serde_json::from_str(line).unwrap());
-        let reports = Reports::every(Duration::from_secs(3600), Form::Json, write);
+        let reports = Reports::every(Some(Duration::from_secs(3600)), Form::Json, write);
         let images = bar(8, 0);
         let task = reports.task("images", images.clone());
         images.set_position(8);

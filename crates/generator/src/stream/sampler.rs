@@ -59,7 +59,7 @@ impl Key {
                 ..scenario.settings.clone()
             },
             renderer: scenario.spec.renderer(),
-            depth_factor: scenario.spec.optics.depth_factor.unwrap_or(1.0),
+            depth_factor: scenario.depth_factor(),
             diameters_um: (sizes.min(), sizes.max()),
             depths_um: (scenario.domain.region().min().z, scenario.domain.region().max().z),
         }

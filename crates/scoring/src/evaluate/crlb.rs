@@ -119,7 +119,7 @@ pub fn of_scenario(
         }));
     }
     let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
-    let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let depth_factor = scenario.depth_factor();
     let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings)?;
     let bins = curve.bins.par_iter().map(|bin| {
         let bound = bound(&renderer, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
@@ -195,7 +195,7 @@ impl SpheroidBounds {
     pub fn new(scenario: &Scenario, d_um: f64) -> Result<Self> {
         let spec = scenario.spec.renderer().without_ray_noise(TOLERANCE);
         let renderer = spec.build(&large(&scenario.settings), &context())?;
-        let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+        let depth_factor = scenario.depth_factor();
         Ok(SpheroidBounds { renderer, noise: Noise::of(scenario, 1.0)?, depth_factor, d_um })
     }
 

@@ -72,7 +72,7 @@ fn drawn_share(scenario: &Scenario, d_um: f64, stack: &DepthScan) -> Option<[f64
     if !scenario.renderer.is_diffracted() {
         return None;
     }
-    let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let depth_factor = scenario.depth_factor();
     let shares = stack.depths_um.iter().zip(&stack.images).filter_map(|(z_um, spot)| {
         let sphere = Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um);
         Some(spot.total / scenario.renderer.accepted_light(&sphere)?).filter(|share| share.is_finite())

@@ -275,7 +275,7 @@ impl<'a> Truth<'a> {
         let Scenario { spec, settings, .. } = self.scenario;
         let field = spec.optics.field.unwrap_or_default();
         let [dx_px, dy_px, dz_um] = field.displacement(settings, particle);
-        [dx_px, dy_px, spec.optics.depth_factor.unwrap_or(1.0) * dz_um]
+        [dx_px, dy_px, self.scenario.depth_factor() * dz_um]
     }
 
     /// Time of the next frame, s, if the truth links the two.

@@ -1,8 +1,9 @@
-//! The files that a scenario refers to.
+//! What resolving a scenario finds: the files that it refers to, problems and warnings.
 
 use std::path::{Path, PathBuf};
 
 use super::language::problems::Problems;
+use super::spec;
 use storage::input;
 
 /// A file that the scenario refers to.
@@ -16,18 +17,29 @@ pub struct Input {
     pub bytes: Vec<u8>,
 }
 
-/// The files that the scenario refers to.
-pub(super) struct Files<'a> {
+/// Files, problems and warnings of a scenario.
+pub(super) struct Findings<'a> {
     /// Folder of the scenario, to which its paths are relative.
-    pub(super) folder: &'a Path,
+    folder: &'a Path,
     pub(super) inputs: Vec<Input>,
+    pub(super) problems: Problems,
+    pub(super) warnings: Vec<String>,
 }
 
-impl Files<'_> {
+impl<'a> Findings<'a> {
+    pub(super) fn new(folder: &'a Path) -> Self {
+        let problems = Problems::among(|path| spec::schema().find(path).is_some());
+        Findings { folder, inputs: Vec::new(), problems, warnings: Vec::new() }
+    }
+
+    pub(super) fn warn(&mut self, warning: impl Into<String>) {
+        self.warnings.push(warning.into());
+    }
+
     /// Reads a file; an error becomes a problem at `key`.
-    pub(super) fn read(&self, key: &str, file: &str, problems: &mut Problems) -> Option<(PathBuf, Vec<u8>)> {
+    pub(super) fn read(&mut self, key: &str, file: &str) -> Option<(PathBuf, Vec<u8>)> {
         let path = self.folder.join(file);
-        let bytes = problems.of(key, input::read(&path))?;
+        let bytes = self.problems.of(key, input::read(&path))?;
         Some((path, bytes))
     }
 
