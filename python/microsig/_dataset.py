@@ -290,7 +290,12 @@ class Dataset:
     @classmethod
     def of_text(cls, text: _microsig.ScenarioText, progress: Progress = False) -> Dataset:
         """A dataset in memory, from arguments of the compiled part."""
-        return cls(_Memory(_microsig.generate(text, shown(progress))))
+        return cls.of_made(_microsig.generate(text, shown(progress)))
+
+    @classmethod
+    def of_made(cls, made: _microsig.Made) -> Dataset:
+        """A dataset in memory that the compiled part made."""
+        return cls(_Memory(made))
 
     @property
     def images(self) -> Images:

@@ -359,20 +359,15 @@ def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tup
     """
     given = _scenario.text(path, seed)
     cases = _microsig.sweep(given["text"], given["name"], given["folder"], given["seed"])
-    return _cases(cases, Path(given["folder"]))
+    return _cases(cases)
 
 
-def _cases(
-    cases: _microsig.SweepCases, folder: Path
-) -> Iterator[tuple[dict[str, Any], Dataset]]:
+def _cases(cases: _microsig.SweepCases) -> Iterator[tuple[dict[str, Any], Dataset]]:
     axes = cases.axes()
-    inputs = (folder / cases.names()[1]).parent
     for index, (name, written, repetition, seed) in enumerate(cases.cases()):
         values: dict[str, Any] = {path: _parsed(value) for path, value in zip(axes, written)}
         values |= {"case": name, "repetition": repetition, "seed": seed}
-        text = _scenario.text(cases.scenario(index))
-        text["folder"] = inputs
-        yield values, Dataset.of_text(text)
+        yield values, Dataset.of_made(cases.generate(index))
 
 
 def _parsed(value: str) -> Any:

@@ -160,10 +160,21 @@ fn unpack_scenarios(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
 /// A dataset in memory from a scenario.
 #[pyfunction]
 fn generate(py: Python<'_>, text: ScenarioText, show: Show<'_>) -> PyResult<Made> {
-    let made = run(py, show, OnInterrupt::Wait, move |progress| {
-        MemoryDataset::take(text.resolve()?, progress).map(Arc::new)
-    })?;
-    Ok(Made(made))
+    Made::of(py, show, move || text.resolve())
+}
+
+impl Made {
+    /// The dataset of a scenario.
+    pub(crate) fn of(
+        py: Python<'_>,
+        show: Show<'_>,
+        scenario: impl FnOnce() -> storage::Result<Scenario> + Send + 'static,
+    ) -> PyResult<Made> {
+        let made = run(py, show, OnInterrupt::Wait, move |progress| {
+            MemoryDataset::take(scenario()?, progress).map(Arc::new)
+        })?;
+        Ok(Made(made))
+    }
 }
 
 /// A scenario, every default written out, as [`texts`] gives it, and its warnings.

@@ -5,16 +5,17 @@ use std::path::PathBuf;
 use bench::report;
 use clap::ValueEnum;
 use dataset::Columns;
+use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use scenario::{self, Sweep};
+use scenario::{self, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Truth, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, Origin, Source};
 use tracking::{METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
-use crate::dataset::{Kept, Place};
+use crate::dataset::{Kept, Made, Place};
 use crate::run::{OnInterrupt, Show, run};
 
 /// Options of scoring; numbers are within their ranges.
@@ -198,7 +199,11 @@ fn methods() -> Vec<(&'static str, &'static str)> {
 
 /// The cases of a sweep.
 #[pyclass(frozen, module = "microsig._microsig")]
-struct SweepCases(Sweep);
+struct SweepCases {
+    sweep: Sweep,
+    /// Folder to which files of the base scenario are relative.
+    inputs: PathBuf,
+}
 
 /// A case: name, values of the axes as written, repetition, seed.
 type CaseFacts = (String, Vec<String>, u32, u64);
@@ -207,28 +212,22 @@ type CaseFacts = (String, Vec<String>, u32, u64);
 impl SweepCases {
     /// Paths of the axes.
     fn axes(&self) -> Vec<String> {
-        self.0.spec.axes.iter().map(|axis| axis.path.clone()).collect()
-    }
-
-    /// Name and base scenario of the sweep.
-    fn names(&self) -> (String, String) {
-        (self.0.spec.name.clone(), self.0.spec.base.clone())
+        self.sweep.spec.axes.iter().map(|axis| axis.path.clone()).collect()
     }
 
     /// All cases.
     fn cases(&self) -> Vec<CaseFacts> {
         let of = |case: &scenario::Case| (case.name.clone(), case.values.clone(), case.repetition, case.seed);
-        self.0.cases.iter().map(of).collect()
+        self.sweep.cases.iter().map(of).collect()
     }
 
-    /// The scenario of a case (RON).
-    fn scenario(&self, index: usize) -> PyResult<String> {
-        let written = || {
-            let case = self.0.cases.get(index);
-            let case = case.ok_or_else(|| storage::Error::input(format!("case {index} does not exist")))?;
-            scenario::write(&self.0.scenario(case)?)
-        };
-        written().map_err(crate::run::raise)
+    /// The dataset of a case, in memory.
+    fn generate(&self, py: Python<'_>, index: usize) -> PyResult<Made> {
+        let case = self.sweep.cases.get(index);
+        let case = case.ok_or_else(|| PyIndexError::new_err(format!("case {index} does not exist")))?;
+        let spec = self.sweep.scenario(case).map_err(crate::run::raise)?;
+        let inputs = self.inputs.clone();
+        Made::of(py, false.into(), move || resolve(spec, &inputs))
     }
 }
 
@@ -241,9 +240,11 @@ fn sweep(
     folder: PathBuf,
     seed: Option<u64>,
 ) -> PyResult<SweepCases> {
-    let sweep =
-        run(py, false, OnInterrupt::Leave, move |_| scenario::parse_sweep(&text, &name, &folder, seed))?;
-    Ok(SweepCases(sweep))
+    let of = folder.clone();
+    let sweep = run(py, false, OnInterrupt::Leave, move |_| scenario::parse_sweep(&text, &name, &of, seed))?;
+    let base = folder.join(&sweep.spec.base);
+    let inputs = base.parent().map_or(folder, std::path::Path::to_owned);
+    Ok(SweepCases { sweep, inputs })
 }
 
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
