@@ -33,7 +33,8 @@ pub(super) struct Fit {
     /// Edge of a pixel on the sensor, um
     #[arg(long, value_name = "UM")]
     pixel_size: f64,
-    /// Stage positions: a CSV file with the columns `page` (from 0) or `image`, and `z_um`
+    /// Positions of the planes: a CSV file with the columns `page` (from 0) or `image`, and `z_um`, the distance
+    /// by which the particles moved along the axis, in their medium
     #[arg(long, value_name = "FILE", conflicts_with = "z_step")]
     z: Option<PathBuf>,
     /// Step of the stage between planes, um
@@ -42,8 +43,8 @@ pub(super) struct Fit {
     /// Whether stage positions increase away from the lens
     #[arg(long, value_enum, default_value_t = Direction::Auto, value_name = "DIRECTION")]
     z_direction: Direction,
-    /// Ratio of physical depth to depth in the model: about the refractive index of the fluid for a dry
-    /// objective
+    /// Ratio of depth in the fluid to depth in the model: about the refractive index of the fluid for a dry
+    /// objective. Positions are then depths in the fluid; not with --fluid or --field
     #[arg(long, default_value_t = 1.0, value_name = "F")]
     depth_factor: f64,
     /// Refractive index of the medium in the model
@@ -77,7 +78,7 @@ pub(super) struct Fit {
     #[arg(long, value_parser = choice::<Lens>(), default_value = "aplanatic", value_name = "LENS")]
     lens: Lens,
     /// Refractive index of the fluid below a cover slip of 0.17 mm, whose spherical aberration is fitted; for
-    /// `--model waves` [default: the medium that the objective is designed for]
+    /// `--model waves`. Positions are then depths in the fluid [default: the medium that the objective is designed for]
     #[arg(long, value_name = "N")]
     fluid: Option<f64>,
     /// Depth of the plane in focus below the cover slip, um, from which the fit starts; for `--fluid`
@@ -176,6 +177,10 @@ impl Fit {
         if let Some((first, last)) = self.range()? {
             scan = scan.cut(first, last)?;
         }
+        if let Some(n) = self.fluid.or((self.depth_factor != 1.0).then_some(self.depth_factor)) {
+            let what = "depths in the fluid, not readings of the stage: under a dry objective, multiply those by about";
+            warn(&[format!("positions of planes are taken as {what} {n}")], common);
+        }
         if self.field {
             return self.run_field(&scan, &options, common);
         }
@@ -246,6 +251,11 @@ impl Fit {
         positive("medium", self.medium, 1.4);
         if let Some(diameter) = self.diameter {
             positive("diameter", diameter, 100.0);
+        }
+        let is_physical = [("fluid", self.fluid.is_some()), ("field", self.field)];
+        if let Some((name, _)) = is_physical.iter().find(|(_, given)| *given && self.depth_factor != 1.0) {
+            let what = "expected 1, because depths are those in the fluid";
+            problems.push(format!("--depth-factor {}: with --{name}, {what}", self.depth_factor));
         }
         if self.model == Model::Geometric {
             let idle = [("wavelength", self.wavelength.is_some()), ("fluid", self.fluid.is_some())];

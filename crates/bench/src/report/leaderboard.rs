@@ -388,7 +388,9 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
         )
     }));
     lines.push(
-        "=: not separated by the paired comparison of F1, errors, links, HOTA (fields: valid nodes, RMS at nodes).".to_owned(),
+        "Ranked by F1, then errors, links, HOTA (fields: valid nodes, RMS at nodes): where the paired comparison of one does not \
+         separate two results, the next decides. =: separated by none."
+            .to_owned(),
     );
     if entries.iter().any(|e| e.biased) {
         lines.push(format!("!: positions are biased by more than {BIAS_PX} px."));
