@@ -155,7 +155,8 @@ fn a_recording_of_other_programs_is_tracked_and_scored() {
 
     let found = recording.at("found.csv");
     run(&["track", path(&out), "--method", "ncc", "--out", path(&found)]);
-    let score: Value = json(&["evaluate", path(&out), path(&found)]);
+    let score: Value = json(&["evaluate", path(&out), path(&found), "--crlb"]);
+    assert!(score["warnings"].to_string().contains("a recording has no scenario"), "{}", score["warnings"]);
     let number = |part: &str, key: &str| score[part][key].as_f64().unwrap_or(f64::NAN);
     // Steps of 4 um; all nine particles, of which four are known.
     assert!(

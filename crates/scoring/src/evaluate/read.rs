@@ -50,7 +50,9 @@ impl Truth {
             return Ok((Truth::bare(path, facts, is_field, options)?, limits));
         }
         let mut truth = Truth { axes: measurement::axes(path)?, ..Truth::default() };
-        if options.crlb {
+        if options.crlb && facts.is_recording {
+            truth.warnings.push("no Cramér-Rao bound: a recording has no scenario".to_owned());
+        } else if options.crlb {
             truth.scenario = Some(Arc::new(scenario::of_dataset(path)?.0));
         }
         if is_field {
