@@ -68,15 +68,17 @@ def test_fit_takes_files_calibrations_and_arrays(dataset, tmp_path):
     of_file = fitted(tmp_path / "scan.tif")
     for made in (of_scan, of_array):
         assert {n: made[n] for n in expected} == expected
+    # The images of a dataset's calibration state their step, those of its frames do not.
+    of_folder = fitted(dataset / "calibration/images")
     for name, value in expected.items():
-        assert of_file[name] == pytest.approx(value, rel=1e-3), name
+        assert (of_file[name], of_folder[name]) == pytest.approx((value, value), rel=1e-3), name
     assert of_scan.parameters["free"].sum() >= 2 and "low_95" in of_scan.parameters
     # The twin can be generated.
     assert ms.resolve(of_scan.scenario)["name"]
     with pytest.raises(KeyError, match="numerical_aperture"):
         of_scan["aperture"]
     with pytest.raises(ValueError, match="z_step_um"):
-        fitted(dataset / "calibration/images")
+        fitted(dataset / "images")
     with pytest.raises(ValueError, match="magnification -1: expected a number > 0"):
         ms.fit(scan, magnification=-1, pixel_size_um=6.5)
     with pytest.raises(FileExistsError):
