@@ -117,7 +117,7 @@ fn mle_fits_images_by_wave_optics() {
     assert_tracks(&score(folder.path(), "mle"), "waves", [0.9, 0.9, 0.05, 0.003]);
 }
 
-/// Axes to a few degrees; by `mle` at the bound, with uncertainties, and the aspect ratio.
+/// Axes to a few degrees; by `mle` at the bound, with uncertainties, and the aspect ratio if it is not given.
 #[test]
 fn ncc_and_mle_measure_the_axes_of_spheroids() {
     let folder = tempfile::tempdir().unwrap();
@@ -133,9 +133,11 @@ fn ncc_and_mle_measure_the_axes_of_spheroids() {
     generate(folder.path(), "dataset", scenario);
     let (dataset, result) = (folder.path().join("dataset"), folder.path().join("mle.csv"));
     // The third is half beyond the edge of the image.
-    for (method, ratio, angle) in
-        [("ncc", &["--aspect-ratio", "2.5"][..], "median_deg"), ("mle", &[], "mean_deg")]
-    {
+    for (method, ratio, angle) in [
+        ("ncc", &["--aspect-ratio", "2.5"][..], "median_deg"),
+        ("mle", &["--aspect-ratio", "2.5"], "mean_deg"),
+        ("mle", &[], "mean_deg"),
+    ] {
         let track =
             ["track", path(&dataset), "--method", method, "--shape", "spheroid", "--force", "--quiet"];
         run(&[&track[..], &["--out", path(&result)], ratio].concat());
