@@ -7,6 +7,9 @@ use visibility::{DepthScan, ScanImage};
 /// In focus, the peak is at least this fraction of the highest peak.
 const IN_FOCUS: f64 = 0.8;
 
+/// Windows, each twice as wide as the one before, in which a best focus beyond the depth range is sought.
+const MAX_WINDOWS: u32 = 8;
+
 /// The range of depths around the maximum in which values exceed a fraction of it, um, and whether it reaches
 /// an end of the scan; the ends are interpolated linearly between depths.
 pub(super) fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64) -> (f64, bool) {
@@ -33,21 +36,32 @@ pub(super) fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64)
     (above.0 - below.0, above.1 || below.1)
 }
 
-/// The depth of field of a scan of particles of this diameter (um), measured more finely around its highest
-/// peak, um; `None` where all depths are in focus.
+/// The depth of field for particles of this diameter (um), from their scan through the depth range, measured
+/// more finely around its highest peak, um; `None` where all depths are in focus. It is a property of the
+/// microscope: where the range ends within it, it is measured beyond the end.
 ///
 /// # Errors
 /// None for a scenario that could be resolved.
 pub fn depth_of_field_um(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<Option<f64>> {
-    let Some(focus_um) = scan.focus_um() else { return Ok(None) };
-    let (coarse, _) = span(scan, |spot| spot.peak, IN_FOCUS);
+    let Some(mut focus_um) = scan.focus_um() else { return Ok(None) };
+    let (mut field_um, mut is_cut) = span(scan, |spot| spot.peak, IN_FOCUS);
     let step = scan.depths_um[1] - scan.depths_um[0];
-    if coarse > 12.0 * step {
-        return Ok(Some(coarse));
+    if field_um > 12.0 * step && !is_cut {
+        return Ok(Some(field_um));
     }
-    let reach = coarse + step;
     let (low, high) = scenario.depth_range_um;
-    let range_um = ((focus_um - reach).max(low), (focus_um + reach).min(high));
-    let fine = scenario.scan(d_um, range_um)?;
-    Ok(Some(span(&fine, |spot| spot.peak, IN_FOCUS).0))
+    let mut reach = field_um + step;
+    for _ in 0..MAX_WINDOWS {
+        let window_um = (focus_um - reach, focus_um + reach);
+        let window_um = if is_cut { window_um } else { (window_um.0.max(low), window_um.1.min(high)) };
+        // Beyond the depth range, a microscope may not be rendered.
+        let Ok(fine) = scenario.scan(d_um, window_um) else { break };
+        (field_um, is_cut) = span(&fine, |spot| spot.peak, IN_FOCUS);
+        if !is_cut {
+            break;
+        }
+        focus_um = fine.focus_um().unwrap_or(focus_um);
+        reach *= 2.0;
+    }
+    Ok(Some(field_um))
 }

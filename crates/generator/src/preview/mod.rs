@@ -447,6 +447,20 @@ mod tests {
     }
 
     #[test]
+    fn the_depth_of_field_is_that_of_the_microscope_wherever_the_depth_range_ends() {
+        let field_um = |z_um: &str| {
+            let rest = format!(
+                "particles: (number: count(7)), boundaries: (z_um: {z_um}), render: (mode: waves, wavelength_um: 0.5)"
+            );
+            preview("lens: aplanatic", &rest).depth_of_field_um.unwrap()
+        };
+        let whole = field_um("(-40, 40)");
+        for part in ["(0, 40)", "(-40, -1)", "(5, 60)"] {
+            assert!((field_um(part) / whole - 1.0).abs() < 0.1, "{part}: {} not {whole}", field_um(part));
+        }
+    }
+
+    #[test]
     fn a_cylinder_has_two_focal_planes_and_a_bright_particle_saturates() {
         let shown = preview("cyl_focal_length: 4000, gain: 500", "");
         // The planes are as far apart as the key states, which is converted to a focal length.
