@@ -46,11 +46,13 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
         .iter()
         .flat_map(|p| fitted.planes.iter().map(move |plane| depth(plane.stage_um, p.z_um)));
     let (low, high) = depths.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
+    let model = microscope.waves.as_ref().map(|waves| &waves.model);
+    let depths_um = in_fluid((low, high), model, microscope.diameter_um);
     let optics = microscope.waves.as_ref().map_or((String::new(), String::new()), wave_keys);
     let twin = Twin {
         depth_factor,
         diameter_um: microscope.diameter_um,
-        depths_um: (low, high),
+        depths_um,
         px_um: microscope.pixel_size_um / microscope.magnification,
         particles: fitted.particles.len(),
         brightness_sd: 0.0,
@@ -86,6 +88,15 @@ fn wave_keys(waves: &Waves) -> (String, String) {
     let layers = layers(model);
     let optics = format!(", lens: {}, pupil: (zernike: [{terms}]){layers}", model.lens.name());
     (optics, render_line(model))
+}
+
+/// The part of the depths of a scan (um) in which particles do not touch the cover slip of a model.
+pub(super) fn in_fluid((low, high): (f64, f64), model: Option<&WaveModel>, diameter_um: f64) -> (f64, f64) {
+    let layers = model.and_then(|model| model.layers);
+    let touching_um = layers.map(|layers| 0.5 * diameter_um - layers.focus_depth_um);
+    // Scenarios have two digits.
+    let lowest_um = touching_um.map_or(low, |z_um| libm::ceil(100.0 * z_um) / 100.0);
+    (low.max(lowest_um).min(high), high)
 }
 
 /// The key `layers`, if there are any.
@@ -202,7 +213,10 @@ mod tests {
         let (emission, lens) = (Emission::Volume, Lens::Aplanatic);
         let mut waves = Waves::new(WaveModel { wavelength_um: 0.52, emission, lens, layers });
         waves.aberrations = [0.07, -0.1, 0.0, 0.01, 0.2];
-        let text = twin(1.0, 0.2, (-2.0, 3.0), wave_keys(&waves));
+        // The cover slip is 100 um away.
+        let depths_um = in_fluid((-120.0, 3.0), Some(&waves.model), 0.2);
+        assert_eq!(depths_um, (-99.9, 3.0));
+        let text = twin(1.0, 0.2, depths_um, wave_keys(&waves));
         let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
         let text = format!("{:?}", scenario.spec);
         assert!(

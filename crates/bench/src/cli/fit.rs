@@ -398,10 +398,8 @@ fn text(fitted: &Fitted, out: &Path) -> String {
         )
     }));
     lines.push(fitted.sentence());
-    lines.push(format!(
-        "in {}: next, `microsig generate {}`",
-        out.display(),
-        out.join("scenario.ron").display()
-    ));
+    let next = format!(": next, `microsig generate {}`", out.join("scenario.ron").display());
+    let next = if fitted.verdict == Verdict::NotDescribed { "" } else { &next };
+    lines.push(format!("in {}{next}", out.display()));
     lines.join("\n")
 }

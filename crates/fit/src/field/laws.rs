@@ -71,6 +71,13 @@ pub struct Coefficient {
     pub unit: &'static str,
 }
 
+impl Coefficient {
+    /// Whether the 95 % interval excludes 0.
+    pub(super) fn is_resolved(&self) -> bool {
+        self.value.abs() > 1.96 * self.sd
+    }
+}
+
 /// What one particle says.
 #[derive(Debug, Clone)]
 pub(super) struct Evidence {
@@ -222,9 +229,10 @@ impl Laws {
         self.value("focus_um")
     }
 
-    /// The terms of a scenario. Depth grows away from the lens: `direction` is +1 if stage positions do.
+    /// The terms of a scenario; those that are not resolved are 0. Depth grows away from the lens: `direction` is +1 if stage positions do.
     pub(super) fn field(&self, direction: f64, light_per_mm2: f64) -> FieldOptics {
-        let of = |key: &str| self.value(key);
+        let resolved = |key: &str| self.coefficients.iter().find(|c| c.key == key && c.is_resolved());
+        let of = |key: &str| resolved(key).map_or(0.0, |c| c.value);
         FieldOptics {
             focus: FocusSurface {
                 curvature_um_per_mm2: direction * of("focus.curvature_um_per_mm2"),

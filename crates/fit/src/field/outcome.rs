@@ -137,15 +137,10 @@ impl Outcome<'_> {
         let (light_per_mm2, light_sd) = light_law(&light);
         let mut coefficients = laws.coefficients.clone();
         if singles.len() >= FEWEST {
-            coefficients.push(Coefficient {
-                key: "light_per_mm2",
-                value: light_per_mm2,
-                sd: light_sd,
-                unit: "1/mm^2",
-            });
+            coefficients.push(Coefficient { key: LIGHT, value: light_per_mm2, sd: light_sd, unit: "1/mm^2" });
         }
-        // What is within its error is no light law.
-        let light_per_mm2 = if light_per_mm2.abs() > 2.0 * light_sd { light_per_mm2 } else { 0.0 };
+        let light_per_mm2 =
+            coefficients.iter().find(|c| c.key == LIGHT && c.is_resolved()).map_or(0.0, |c| c.value);
         let quantities: Vec<&'static str> = FREE.iter().map(|q| QUANTITIES[*q].0).collect();
         let particles: Vec<FieldParticle> = (0..fits.len())
             .map(|k| {
@@ -177,6 +172,15 @@ impl Outcome<'_> {
         let mean_r2 = singles.iter().map(|&k| of_laws[k].r2()).sum::<f64>() / singles.len() as f64;
         let chi2 = median(singles.iter().map(|&k| of_frame(of_laws[k].chi2(), repeats)).collect());
         let mut warnings = self.warnings(fits.len(), singles.len());
+        let is_over_field = |c: &&Coefficient| c.key.contains("_per_") || c.key.contains('.');
+        let unresolved: Vec<&str> =
+            coefficients.iter().filter(is_over_field).filter(|c| !c.is_resolved()).map(|c| c.key).collect();
+        if !unresolved.is_empty() {
+            warnings.push(format!(
+                "not resolved (the 95 % interval contains 0), and therefore 0 in scenario.ron: {}",
+                unresolved.join(", ")
+            ));
+        }
         let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * subjects[**k].largest_na();
         let bounded = singles.iter().filter(is_bounded).count();
         if bounded > 0 {
@@ -298,6 +302,9 @@ fn light_law(light: &[([f64; 2], f64)]) -> (f64, f64) {
     let center = mean - slope * mean_r2;
     (slope / center, libm::sqrt(variance / spread) / center)
 }
+
+/// The coefficient of the light over the field.
+const LIGHT: &str = "light_per_mm2";
 
 /// Number of planes of a particle in a report.
 const SHOWN_PLANES: usize = 11;

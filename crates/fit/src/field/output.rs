@@ -4,7 +4,7 @@ use microsig_core::emission::emitted_rays;
 use microsig_core::{Particle, Settings};
 
 use super::{FieldFit, FieldOptions};
-use crate::output::{Twin, layers, render_line, round};
+use crate::output::{Twin, in_fluid, layers, render_line, round};
 
 /// What files are made from.
 pub(super) struct Files<'a> {
@@ -92,7 +92,7 @@ impl Files<'_> {
         let twin = Twin {
             depth_factor: options.given.depth_factor,
             diameter_um: options.diameter_um,
-            depths_um: (*low, *high),
+            depths_um: in_fluid((*low, *high), Some(model), options.diameter_um),
             px_um: options.given.pixel_size_um / options.given.magnification,
             particles: self.particles,
             brightness_sd: self.light.1 / self.light.0,
