@@ -8,7 +8,6 @@ use flows::fields::UniformParams;
 use super::language::graft::{assigned, graft};
 use super::language::problems::Problems;
 use super::language::text::{Content, Node};
-use super::language::write::write;
 use super::language::{text, typed};
 use super::resolve::resolve;
 use super::resolved::Scenario;
@@ -31,6 +30,12 @@ pub fn parse(text: &str, name: &str) -> Result<Spec> {
         Some(spec) if !problems.any() => Ok(spec),
         _ => Err(Error::Problems(problems.sorted())),
     }
+}
+
+/// The tree of a scenario that a program has put together.
+fn tree_of(spec: &Spec) -> Result<Node> {
+    let value = serde_json::to_value(spec).map_err(|e| Error::input(format!("scenario: {e}")))?;
+    Ok(Node::of_value(&value))
 }
 
 /// Parses a scenario's text into a tree.
@@ -135,13 +140,11 @@ pub fn build(spec: Spec, folder: &Path) -> Result<Scenario> {
         Motion::Own(field) => (Some(Motion::Own(field)), UniformParams::default().into()),
         listed => (None, listed),
     };
-    let read = parse(&write(&Spec { motion: still, ..spec })?, "scenario").map_err(|error| match error {
-        // Places in the intermediate text are meaningless to the user.
-        Error::Problems(found) => {
-            Error::Problems(found.into_iter().map(|problem| Problem { place: None, ..problem }).collect())
-        }
-        other => other,
-    })?;
+    let (tree, mut problems) = (tree_of(&Spec { motion: still, ..spec })?, Problems::default());
+    let Some(read) = typed::<Spec>(scenario(), &tree, &mut problems).filter(|_| !problems.any()) else {
+        let unplaced = |problem| Problem { place: None, ..problem };
+        return Err(Error::Problems(problems.sorted().into_iter().map(unplaced).collect()));
+    };
     let motion = motion.unwrap_or_else(|| read.motion.clone());
     resolve(Spec { motion, ..read }, folder)
 }
@@ -153,14 +156,13 @@ pub fn build(spec: Spec, folder: &Path) -> Result<Scenario> {
 pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     let whole = Arc::new(Source::assignment(path, value));
     let whole = Place { span: whole.value_at..whole.text.len(), source: whole };
-    let base = text::parse(&Arc::new(Source::file("scenario", &write(spec)?)));
-    let mut problems = Problems::default();
-    let changed = base.and_then(|base| graft(base, scenario(), path, assigned(scenario(), path, value)?));
+    let (base, mut problems) = (tree_of(spec)?, Problems::default());
+    let changed = assigned(scenario(), path, value).and_then(|value| graft(base, scenario(), path, value));
     let changed = changed.map_err(|problem| problems.push(problem)).ok();
     match changed.and_then(|tree| typed(scenario(), &tree, &mut problems)) {
         Some(spec) if !problems.any() => Ok(spec),
         _ => {
-            // Line numbers of the intermediate text are meaningless to the user.
+            // Other values have no place that the user knows.
             let is_own = |p: &Problem| p.place.as_ref().is_some_and(|place| !place.source.is_file);
             let problems = problems.sorted().into_iter();
             Err(Error::Problems(problems.map(|p| if is_own(&p) { p } else { p.at(&whole) }).collect()))
@@ -178,6 +180,7 @@ pub fn assignment(text: &str) -> Result<(&str, &str)> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::language::write::write;
     use super::super::spec::{Diameter, Field, Number, Preset, Timing};
     use super::*;
 
@@ -238,6 +241,7 @@ mod tests {
             timing: pairs(count: 2),
         )"#;
         let spec = parse(json, "s.json").unwrap();
+        assert_eq!(typed(scenario(), &tree_of(&spec).unwrap(), &mut Problems::default()), Some(spec.clone()));
         assert_eq!(spec, parse(ron, "s.ron").unwrap());
         // JSON written by serde also fits the schema.
         assert_eq!(parse(&serde_json::to_string(&spec).unwrap(), "s.json").unwrap(), spec);
