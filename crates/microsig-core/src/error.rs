@@ -12,7 +12,51 @@ pub struct Fault {
     /// Column of the table, counted from 1, if the error is in a column.
     pub column: Option<usize>,
     /// What was found and what is allowed.
-    pub message: String,
+    pub finding: Finding,
+}
+
+/// What was found and what is allowed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Finding {
+    /// A value out of range.
+    Value {
+        /// Its key.
+        key: String,
+        /// The value.
+        found: String,
+        /// The values that are allowed.
+        allowed: String,
+    },
+    /// Anything else.
+    Text(String),
+}
+
+impl Fault {
+    /// A value out of range that is not from a file; `key` is also its location.
+    pub(crate) fn value(key: &str, found: impl fmt::Display, allowed: &str) -> Self {
+        let (found, allowed) = (found.to_string(), allowed.to_owned());
+        Self::of(key, Finding::Value { key: key.to_owned(), found, allowed })
+    }
+
+    /// An error without line and column.
+    pub(crate) fn of(source_name: &str, finding: impl Into<Finding>) -> Self {
+        Fault { source_name: source_name.to_owned(), line: None, column: None, finding: finding.into() }
+    }
+}
+
+impl From<String> for Finding {
+    fn from(text: String) -> Self {
+        Finding::Text(text)
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Finding::Value { key, found, allowed } => write!(f, "{key} = {found}: expected {allowed}"),
+            Finding::Text(text) => f.write_str(text),
+        }
+    }
 }
 
 impl fmt::Display for Fault {
@@ -24,7 +68,7 @@ impl fmt::Display for Fault {
         if let Some(column) = self.column {
             write!(f, ", column {column}")?;
         }
-        write!(f, ": {}", self.message)
+        write!(f, ": {}", self.finding)
     }
 }
 

@@ -46,6 +46,6 @@ pub mod sensor;
 mod settings;
 pub mod stream;
 
-pub use error::{Error, Fault, shown};
+pub use error::{Error, Fault, Finding, shown};
 pub use particle::{Particle, Spheroid};
 pub use settings::{KEYS, Key, Settings};

@@ -1,6 +1,6 @@
 //! The 14 settings of MicroSIG: names, units, ranges, and the three sets of Rossi 2020, Table 1.
 
-use crate::error::{Error, Fault, shown};
+use crate::error::{Error, Fault, Finding, shown};
 
 /// MicroSIG's settings; fields have the names used in its settings file.
 ///
@@ -201,8 +201,9 @@ pub(crate) fn check(
     let mut faults = Vec::new();
     let mut fault = |index: usize, allowed: &str| {
         let (source_name, line) = place(index);
-        let message = format!("{} = {}: expected {allowed}", KEYS[index].name, shown(values[index]));
-        faults.push(Fault { source_name, line, column: None, message });
+        let (key, found) = (KEYS[index].name.to_owned(), shown(values[index]));
+        let finding = Finding::Value { key, found, allowed: allowed.to_owned() };
+        faults.push(Fault { source_name, line, column: None, finding });
     };
     for (index, key) in KEYS.iter().enumerate() {
         if !values[index].is_finite() || !(key.in_range)(values[index]) {

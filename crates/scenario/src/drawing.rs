@@ -2,7 +2,7 @@
 
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::Lens;
-use microsig_core::{Error as Core, Settings};
+use microsig_core::{Error as Core, Finding, Settings};
 
 use super::language::problems::Problems;
 use super::spec::{Brightness, Calibration, RenderMode, Spec};
@@ -114,10 +114,9 @@ pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -
     };
     let Err(Core::Malformed(faults)) = checked else { return problems.of("optics", checked) };
     for fault in faults {
-        let found = fault.message.strip_prefix(&format!("{} = ", fault.source_name));
-        match found.and_then(|found| found.split_once(": expected ")) {
-            Some((found, allowed)) => problems.value(&fault.source_name, found, allowed),
-            None => problems.other(&fault.source_name, fault.message),
+        match fault.finding {
+            Finding::Value { key, found, allowed } => problems.value(&key, found, &allowed),
+            Finding::Text(text) => problems.other(&fault.source_name, text),
         }
     }
     None

@@ -102,7 +102,12 @@ pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
         }
         number += 1;
         let mut fault = |column: Option<usize>, message: String| {
-            faults.push(Fault { source_name: name.to_owned(), line: Some(number), column, message });
+            faults.push(Fault {
+                source_name: name.to_owned(),
+                line: Some(number),
+                column,
+                finding: message.into(),
+            });
         };
         let text = match text_line::text_of(&line) {
             Ok(text) => text,

@@ -25,7 +25,7 @@ pub fn read(mut source: impl Read, name: &str, size: (u32, u32)) -> Result<Vec<f
     let (width, height) = (size.0 as usize, size.1 as usize);
     let malformed = |Refused { found, expected }| {
         let message = format!("{found}: expected {expected}");
-        Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
+        Error::Malformed(vec![Fault::of(name, message)])
     };
     let header = Header::read(&mut source).map_err(malformed)?;
     if header.shape != [u64::from(size.1), u64::from(size.0)] {

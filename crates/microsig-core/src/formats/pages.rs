@@ -157,7 +157,7 @@ impl<R: Read + Seek> Pages<R> {
 const COUNTS: &str = ": expected gray counts of 8 or 16 bit, as the camera recorded them";
 
 fn malformed(name: &str, message: String) -> Error {
-    Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
+    Error::Malformed(vec![Fault::of(name, message)])
 }
 
 /// Attributes of the element `Pixels` of OME-XML.

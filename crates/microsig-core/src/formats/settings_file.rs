@@ -50,14 +50,19 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
     if bytes.len() as u64 > MAX_BYTES {
         let message = format!("expected a settings file of at most {} MB", MAX_BYTES / 1_000_000);
         let source_name = name.to_owned();
-        return Err(Error::Malformed(vec![Fault { source_name, line: None, column: None, message }]));
+        return Err(Error::Malformed(vec![Fault::of(&source_name, message)]));
     }
     for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
         match text_line::text_of(line) {
             Ok(text) => lines.push(text),
             Err(message) => {
                 let source_name = name.to_owned();
-                faults.push(Fault { source_name, line: Some(index + 1), column: None, message });
+                faults.push(Fault {
+                    source_name,
+                    line: Some(index + 1),
+                    column: None,
+                    finding: message.into(),
+                });
             }
         }
     }
@@ -74,7 +79,12 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
         let line = index + 1;
         let raw = if line == 1 { raw.trim_start_matches('\u{feff}') } else { raw };
         let mut fault = |message: String| {
-            faults.push(Fault { source_name: name.to_owned(), line: Some(line), column: None, message });
+            faults.push(Fault {
+                source_name: name.to_owned(),
+                line: Some(line),
+                column: None,
+                finding: message.into(),
+            });
         };
         let content = raw.split(['#', '%']).next().unwrap_or_default().trim();
         if content.is_empty() {
@@ -101,12 +111,7 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
         }
     }
     for key in KEYS.iter().filter(|k| !seen.contains_key(k.name)) {
-        faults.push(Fault {
-            source_name: name.to_owned(),
-            line: None,
-            column: None,
-            message: format!("{} is missing: expected {}", key.name, key.allowed),
-        });
+        faults.push(Fault::of(name, format!("{} is missing: expected {}", key.name, key.allowed)));
     }
     // Ranges are checked only when all values are numbers, because they depend on each other.
     if faults.is_empty() {

@@ -250,7 +250,7 @@ fn failed(name: &str, error: ::tiff::TiffError) -> Error {
 
 fn wrong(name: &str, what: &str) -> Error {
     let message = what.to_owned();
-    Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
+    Error::Malformed(vec![Fault::of(name, message)])
 }
 
 #[cfg(test)]

@@ -163,7 +163,7 @@ pub fn read_scale(reader: impl BufRead + Seek, name: &str) -> Result<Option<Pixe
 }
 
 fn malformed(name: &str, message: String) -> Error {
-    Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
+    Error::Malformed(vec![Fault::of(name, message)])
 }
 
 /// Width and height of the first image of a file, px.

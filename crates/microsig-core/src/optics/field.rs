@@ -200,12 +200,7 @@ impl FieldOptics {
         let mut faults = Vec::new();
         let mut unless = |fine: bool, key: &str, value: f64, expected: &str| {
             if !fine {
-                faults.push(Fault {
-                    source_name: format!("optics.field.{key}"),
-                    line: None,
-                    column: None,
-                    message: format!("optics.field.{key} = {value}: expected {expected}"),
-                });
+                faults.push(Fault::value(&format!("optics.field.{key}"), value, expected));
             }
         };
         let numbers = [

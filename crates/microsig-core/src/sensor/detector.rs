@@ -94,7 +94,7 @@ impl Detector {
         let mut check = |name: &str, value: f64, fits: bool, allowed: &str| {
             if !fits || value.is_nan() {
                 let message = format!("{name} = {value}: expected {allowed}");
-                faults.push(Fault { source_name: "detector".to_owned(), line: None, column: None, message });
+                faults.push(Fault::of("detector", message));
             }
         };
         let finite = |v: f64| (0.0..=1e12).contains(&v);

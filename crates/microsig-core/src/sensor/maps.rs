@@ -59,7 +59,7 @@ impl PixelQuantity {
             n => format!(" ({n} more of {} pixels)", map.len()),
         };
         let message = format!("{value} in column {column}, row {row}{more}: expected {allowed}");
-        Err(Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }]))
+        Err(Error::Malformed(vec![Fault::of(name, message)]))
     }
 }
 
@@ -90,7 +90,7 @@ impl PixelMaps {
             let name = format!("detector: map of {quantity:?}");
             if map.len() != pixels {
                 let message = format!("{} values: expected {pixels}, one per pixel", map.len());
-                faults.push(Fault { source_name: name, line: None, column: None, message });
+                faults.push(Fault::of(&name, message));
             } else if let Err(Error::Malformed(found)) = quantity.check(map, width, &name) {
                 faults.extend(found);
             }

@@ -31,7 +31,7 @@ pub(super) fn check_cylinder(settings: &Settings, pupil: &Pupil) -> Result<(), E
         cylinder.focal_length
     );
     let source_name = "settings".to_owned();
-    Err(Error::Malformed(vec![Fault { source_name, line: None, column: None, message }]))
+    Err(Error::Malformed(vec![Fault::of(&source_name, message)]))
 }
 
 /// Rejects a particle whose image takes more than [`MAX_CELLS`] aperture cells.

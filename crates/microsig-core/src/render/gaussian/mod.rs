@@ -58,7 +58,7 @@ impl GaussianRenderer {
         let mut check = |name: &str, value: f64, fits: bool, allowed: &str| {
             if !fits {
                 let message = format!("{name} = {value}: expected {allowed}");
-                faults.push(Fault { source_name: "gaussian".to_owned(), line: None, column: None, message });
+                faults.push(Fault::of("gaussian", message));
             }
         };
         let positive = |v: f64| v > 0.0 && v <= 1000.0;

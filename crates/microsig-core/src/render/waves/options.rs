@@ -290,12 +290,7 @@ struct Faults(Vec<Fault>);
 
 impl Faults {
     fn add(&mut self, key: &str, value: impl std::fmt::Display, expected: &str) {
-        self.0.push(Fault {
-            source_name: key.to_owned(),
-            line: None,
-            column: None,
-            message: format!("{key} = {value}: expected {expected}"),
-        });
+        self.0.push(Fault::value(key, value, expected));
     }
 
     fn unless(&mut self, fine: bool, key: &str, value: f64, expected: &str) {
@@ -346,12 +341,7 @@ impl WaveOptics {
     fn cylinder(&self, settings: &Settings, faults: &mut Faults) {
         let Some(cylinder) = &self.cylinder else { return };
         let mut refuse = |message: String| {
-            faults.0.push(Fault {
-                source_name: "optics.cylinder".to_owned(),
-                line: None,
-                column: None,
-                message,
-            });
+            faults.0.push(Fault::of("optics.cylinder", message));
         };
         if self.lens != Lens::Aplanatic {
             refuse(
