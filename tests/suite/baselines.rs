@@ -126,8 +126,8 @@ fn ncc_and_mle_measure_the_axes_of_spheroids() {
         optics: (magnification: 10, numerical_aperture: 0.3, pixel_size: 6.5, pixel_dim_x: 200, pixel_dim_y: 100,
                  lens: aplanatic, background_noise: 20),
         render: (mode: waves, wavelength_um: 0.6),
-        particles: (number: count(3), diameter_um: constant(3), spheroids: (e_p: 2.5, orientation: random)),
-        boundaries: (z_um: (5, 20)), motion: flow(field: uniform(velocity_um_s: (0, 0, 0))),
+        particles: (number: count(3), diameter_um: constant(2), spheroids: (e_p: 2.5, orientation: random)),
+        boundaries: (z_um: (4, 14)), motion: flow(field: uniform(velocity_um_s: (0, 0, 0))),
         timing: sequence(frames: 1, dt_s: 0.002), seed: 3,
     )"#;
     generate(folder.path(), "dataset", scenario);

@@ -39,10 +39,15 @@ impl Known {
         for file in files {
             let table = TableReader::open(file)?;
             let has = |name: &str| table.column(name).is_some();
-            if has("x_px") && has("y_px") {
+            let (has_places, has_visible) = (has("x_px") && has("y_px"), has("visible"));
+            if has_places {
                 known.columns = COLUMNS.into_iter().filter(|name| has(name)).collect();
                 table.rows(&["frame", "x_px", "y_px"], |_, row: TrackRow| {
                     in_frames(row.frame, frames)?;
+                    // The truth of a dataset also lists particles that no image shows.
+                    if has_visible && !row.visible {
+                        return Ok(());
+                    }
                     within("x_px", row.x_px, width)?;
                     within("y_px", row.y_px, height)?;
                     known.particles.push(row);

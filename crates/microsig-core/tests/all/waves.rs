@@ -198,9 +198,7 @@ fn bytes_do_not_depend_on_threads_and_instructions() {
         };
         let first = image(InstructionSet::best(), 1);
         assert!(first.iter().any(|&bits| f64::from_bits(bits) > 10.0));
-        for threads in [2, 7] {
-            assert!(image(InstructionSet::best(), threads) == first, "{threads} threads");
-        }
+        assert!(image(InstructionSet::best(), 7) == first);
         for set in InstructionSet::available() {
             assert!(image(set, 2) == first, "{set}");
         }

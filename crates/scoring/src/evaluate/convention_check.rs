@@ -335,7 +335,9 @@ impl<'a> ConventionCheck<'a> {
             () if near(-1e3) => ("z in mm with the other sign?", -1e3, median_offset(&pairs, -1e3)),
             () if near(1e6) => ("z in m?", 1e6, median_offset(&pairs, 1e6)),
             () if h.is_some_and(&near) => ("z as a fraction of the depth range?", a, b),
-            () => ("z scaled (refraction, or a depth factor)?", a, b),
+            () if (0.1..=10.0).contains(&a.abs()) => ("z scaled (refraction, or a depth factor)?", a, b),
+            // Depths of chance matches are unrelated: the line is flat, and moves all points to the mean depth.
+            () => return Ok(None),
         };
         let small = 1e-3 * h.unwrap_or(0.0);
         let sum = match (a == 1.0, b.abs() > small) {
