@@ -68,7 +68,7 @@ struct Recording {
 
 impl Recording {
     /// The scan with two frames of each plane, as 8-bit pages; the recording as OME-TIFF with two channels, of
-    /// which the first is dark; heights of the planes, and positions of four particles.
+    /// which the first is dark; heights of the planes, and positions of four particles and of one that no image shows.
     fn new() -> Self {
         let (place, truth) = (tempfile::tempdir().unwrap(), target());
         let at = |name: &str| place.path().join(name);
@@ -90,11 +90,12 @@ impl Recording {
             FRAMES.len()
         );
         write_eight_bit(&at("run.ome.tif"), &frames, &ome);
-        let (mut planes, mut known) = ("frame,z_um\n".to_owned(), "frame,x_px,y_px\n".to_owned());
+        let (mut planes, mut known) =
+            ("frame,z_um\n".to_owned(), "frame,x_px,y_px,visible\n0,-40,7,0\n".to_owned());
         for (frame, plane) in FRAMES.iter().enumerate() {
             let _ = writeln!(planes, "{frame},{}", truth.stage_um[*plane]);
             for bead in &truth.beads[..4] {
-                let _ = writeln!(known, "{frame},{},{}", bead.x_px, bead.y_px);
+                let _ = writeln!(known, "{frame},{},{},1", bead.x_px, bead.y_px);
             }
         }
         std::fs::write(at("planes.csv"), planes).unwrap();
