@@ -49,6 +49,9 @@ pub(crate) struct Arguments {
     /// First search missing parameters of third-party trackers, on train and val.
     #[arg(long)]
     tune: bool,
+    /// Run no tracker; score the results of earlier runs and write the page.
+    #[arg(long, conflicts_with = "tune")]
+    page_only: bool,
     /// Time limit of a run on one case, s.
     #[arg(long, default_value_t = 900)]
     limit_s: u64,
@@ -100,7 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     all.retain(|tracker| !unusable.iter().any(|(name, _)| *name == tracker.name));
     let chosen = tracks(arguments, &cases);
-    for tracker in &all {
+    for tracker in all.iter().filter(|_| !arguments.page_only) {
         let entered: Vec<&Case> =
             cases.iter().filter(|case| chosen.contains(&case.track) && tracker.enters(case)).collect();
         for case in entered.iter().filter(|_| arguments.tune) {
