@@ -172,15 +172,7 @@ impl Outcome<'_> {
         let mean_r2 = singles.iter().map(|&k| of_laws[k].r2()).sum::<f64>() / singles.len() as f64;
         let chi2 = median(singles.iter().map(|&k| of_frame(of_laws[k].chi2(), repeats)).collect());
         let mut warnings = self.warnings(fits.len(), singles.len());
-        let is_over_field = |c: &&Coefficient| c.key.contains("_per_") || c.key.contains('.');
-        let unresolved: Vec<&str> =
-            coefficients.iter().filter(is_over_field).filter(|c| !c.is_resolved()).map(|c| c.key).collect();
-        if !unresolved.is_empty() {
-            warnings.push(format!(
-                "not resolved (the 95 % interval contains 0), and therefore 0 in scenario.ron: {}",
-                unresolved.join(", ")
-            ));
-        }
+        warnings.extend(unresolved(&coefficients));
         let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * subjects[**k].largest_na();
         let bounded = singles.iter().filter(is_bounded).count();
         if bounded > 0 {
@@ -301,6 +293,16 @@ fn light_law(light: &[([f64; 2], f64)]) -> (f64, f64) {
     let variance = points.iter().map(|point| left(point) * left(point)).sum::<f64>() / (n - 2.0);
     let center = mean - slope * mean_r2;
     (slope / center, libm::sqrt(variance / spread) / center)
+}
+
+/// A warning that names the terms over the field that are not resolved.
+fn unresolved(coefficients: &[Coefficient]) -> Option<String> {
+    let is_over_field = |c: &&Coefficient| c.key.contains("_per_") || c.key.contains('.');
+    let found = coefficients.iter().filter(is_over_field).filter(|c| !c.is_resolved()).map(|c| c.key);
+    let found = found.collect::<Vec<_>>().join(", ");
+    (!found.is_empty()).then(|| {
+        format!("not resolved (the 95 % interval contains 0), and therefore 0 in scenario.ron: {found}")
+    })
 }
 
 /// The coefficient of the light over the field.
