@@ -103,7 +103,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     all.retain(|tracker| !unusable.iter().any(|(name, _)| *name == tracker.name));
     let chosen = tracks(arguments, &cases);
-    for tracker in all.iter().filter(|_| !arguments.page_only) {
+    let running = if arguments.page_only { &[][..] } else { &all[..] };
+    for tracker in running {
         let entered: Vec<&Case> =
             cases.iter().filter(|case| chosen.contains(&case.track) && tracker.enters(case)).collect();
         for case in entered.iter().filter(|_| arguments.tune) {
