@@ -127,13 +127,15 @@ def main():
                 ratio = [] if args.fit_aspect else ["--aspect-ratio", e_p]
                 truth = pd.read_csv(made / "truth/tracks.csv")
                 found, near, seconds = track("mle", made, result, truth, ratio)
-                errors = angles(truth[near].reset_index(drop=True), found)
+                # Of axes that images do not tell, the tracker gives two.
+                one = found.other_likelihood.isna()
+                errors = angles(truth[near].reset_index(drop=True)[one].reset_index(drop=True), found[one].reset_index(drop=True))
                 errors.to_csv(folder / f"errors_{snr}.csv", index=False)
                 # Of a normal distribution, the median and the 90th percentile are 0.674 and 1.645 standard deviations, of a
                 # chi-square with two degrees of freedom 1.386 and 4.605.
                 axis_of = lambda q, of: float(np.sqrt(of / errors.chi2.quantile(q)))
                 place = np.abs(errors[["x", "y", "z"]])
-                row = {"optics": name, "e_p": e_p, "snr": snr, "particles": len(truth), "found": int(near.sum()),
+                row = {"optics": name, "e_p": e_p, "snr": snr, "particles": len(truth), "found": int(near.sum()), "determined": int(one.sum()),
                        "angle_median_deg": errors.angle.median(), "angle_p90_deg": errors.angle.quantile(0.9),
                        "efficiency_angle_median": axis_of(0.5, 1.386), "efficiency_angle_p90": axis_of(0.9, 4.605),
                        **{f"efficiency_{k}_median": 0.6745 / place[k].median() for k in "xyz"},

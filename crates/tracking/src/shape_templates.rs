@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::denoise::PixelNoise;
 use super::gray_image::GrayImage;
 use super::joint_fit::Equations;
-use super::mle::ShapeImages;
+use super::mle::{Detail, ShapeImages};
 use super::spheroids::Pose;
 use super::templates::Templates;
 
@@ -25,7 +25,12 @@ fn over_depth<T: Send>(
         let poses = aspects.iter().flat_map(|e_p| axes.iter().map(move |axis| (*e_p, *axis)));
         let all = poses.map(|(e_p, axis)| {
             checkpoint();
-            images.light(&Pose { at: [0.0; 2], z_um, axis, e_p, brightness: 1.0 }, [0; 2], images.radius())
+            images.light(
+                &Pose { at: [0.0; 2], z_um, axis, e_p, brightness: 1.0 },
+                [0; 2],
+                images.radius(),
+                Detail::Draft,
+            )
         });
         made(z_um, all.collect())
     };

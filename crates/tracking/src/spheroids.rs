@@ -4,8 +4,9 @@
 //! Templates averaged over all directions of the axis find the particles. Each is then fitted from several axes: those
 //! whose images resemble it most, and their mirror images toward and away from the lens, which look alike at some
 //! depths. The fit is that of Levenberg and Marquardt, with derivatives that are updated from image to image
-//! (Broyden 1965, Math. Comput. 19, 577), and computed once more at the end, for the covariance. Overlapping particles
-//! are fitted in turn, each with the others subtracted, until they no longer move.
+//! (Broyden 1965, Math. Comput. 19, 577), and computed once more at the end, for the covariance. By rays, the way there
+//! goes by drafts of the images, and only the last fit by exact ones. Overlapping particles are fitted in turn, each
+//! with the others subtracted, until they no longer move.
 
 use glam::DVec3;
 use microsig_core::cancel::checkpoint;
@@ -15,7 +16,7 @@ use super::gray_image::GrayImage;
 use super::job::Job;
 use super::joint_fit::Equations;
 use super::locate::Locator;
-use super::mle::{self, OfSpheroids, ShapeImages};
+use super::mle::{self, Detail, OfSpheroids, ShapeImages};
 use super::output::Output;
 use super::shape_templates::{angle, averaged, axes, mirrored};
 use super::templates::Templates;
@@ -263,7 +264,7 @@ impl Fit<'_> {
     fn add(&self, residual: &mut [f64], pose: &Pose, sign: f64) {
         let middle = pose.at.map(|at| at.round() as isize);
         let radius = self.images.radius_at(pose.z_um);
-        let light = self.images.light(pose, middle, radius);
+        let light = self.images.light(pose, middle, radius, Detail::Full);
         for (light, i) in light.iter().zip(self.pixels(middle, radius)) {
             if let Some(i) = i {
                 residual[i] += sign * pose.brightness * light;
@@ -284,7 +285,7 @@ impl Fit<'_> {
     fn region(&self, residual: &[f64], pose: &Pose) -> Region {
         let middle = pose.at.map(|at| at.round() as isize);
         let radius = self.images.radius_at(pose.z_um);
-        let light = self.images.light(pose, middle, radius);
+        let light = self.images.light(pose, middle, radius, Detail::Draft);
         let (mut data, mut weight) = (Vec::new(), Vec::new());
         for (light, i) in light.iter().zip(self.pixels(middle, radius)) {
             let light = pose.brightness * light;
@@ -308,7 +309,7 @@ impl Fit<'_> {
             let mut pose = Pose { at, z_um, axis, e_p, brightness: 1.0 };
             let region = region.get_or_insert_with(|| self.region(residual, &pose));
             let (brightness, reduction) =
-                region.matched(&self.images.light(&pose, region.middle, region.radius));
+                region.matched(&self.images.light(&pose, region.middle, region.radius, Detail::Draft));
             pose.brightness = brightness;
             starts.push((reduction, pose));
         }
@@ -326,17 +327,18 @@ impl Fit<'_> {
         let mirrored = |pose: &Pose| Pose { axis: mirrored(pose.axis), ..*pose };
         // All compared with the same weights.
         let region = self.region(residual, &best);
-        let mut fitted: Vec<State> = apart.iter().filter_map(|start| self.refined(&region, start)).collect();
+        let mut fitted: Vec<State> =
+            apart.iter().filter_map(|start| self.refined(&region, start, Detail::Draft)).collect();
         fitted.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         let mirror = mirrored(&fitted.first()?.pose);
         if fitted.iter().all(|state| angle(state.pose.axis, mirror.axis) > SAME_AXIS) {
-            fitted.extend(self.refined(&region, &mirror));
+            fitted.extend(self.refined(&region, &mirror, Detail::Draft));
             fitted.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         }
         let first = fitted[0].pose;
         if let Some(z_um) = self.opposite.of(first.z_um) {
             for start in [first, mirrored(&first)] {
-                fitted.extend(self.refined(&region, &Pose { z_um, ..start }));
+                fitted.extend(self.refined(&region, &Pose { z_um, ..start }, Detail::Draft));
             }
             fitted.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         }
@@ -355,11 +357,11 @@ impl Fit<'_> {
 
     /// The best fit from a start, weighted by its own light.
     fn near(&self, residual: &[f64], start: &Pose) -> Option<Pose> {
-        self.refined(&self.region(residual, start), start).map(|state| state.pose)
+        self.refined(&self.region(residual, start), start, Detail::Full).map(|state| state.pose)
     }
 
-    fn state(&self, region: &Region, pose: Pose) -> Option<State> {
-        let (pixels, turns) = self.images.gradient(&pose, region.middle, region.radius)?;
+    fn state(&self, region: &Region, pose: Pose, detail: Detail) -> Option<State> {
+        let (pixels, turns) = self.images.gradient(&pose, region.middle, region.radius, detail)?;
         let light: Vec<f64> = pixels.iter().map(|pixel| pixel[0]).collect();
         let slopes = pixels.iter().map(|pixel| std::array::from_fn(|p| pixel[1 + p])).collect();
         let chi2 = region.chi2(&light, pose.brightness);
@@ -391,14 +393,14 @@ impl Fit<'_> {
     }
 
     /// Levenberg-Marquardt from a start.
-    fn refined(&self, region: &Region, start: &Pose) -> Option<State> {
-        let mut now = self.state(region, *start)?;
+    fn refined(&self, region: &Region, start: &Pose, detail: Detail) -> Option<State> {
+        let mut now = self.state(region, *start, detail)?;
         let mut damping = 1e-2;
         for _ in 0..ITERATIONS {
             checkpoint();
             let Some(change) = self.equations(region, &now).solved(damping) else { break };
             let (pose, turned, change) = self.moved(&now, &change);
-            let light = self.images.light(&pose, region.middle, region.radius);
+            let light = self.images.light(&pose, region.middle, region.radius, detail);
             let chi2 = region.chi2(&light, pose.brightness);
             if chi2 >= now.chi2 {
                 damping *= 10.0;
@@ -446,7 +448,7 @@ impl Fit<'_> {
     /// A fit with its covariance, by derivatives at its end.
     fn finished(&self, residual: &[f64], pose: Pose) -> Option<Found> {
         let region = self.region(residual, &pose);
-        let state = self.state(&region, pose)?;
+        let state = self.state(&region, pose, Detail::Full)?;
         let n = self.parameters();
         let Equations { matrix, .. } = self.equations(&region, &state);
         let column = |k: usize| {

@@ -2,7 +2,7 @@
 
     python train.py [STEPS] [--axes]
 
-Needs PyTorch and the package microsig. Samples have the optics of the tracks D3 and S (setting 1), 128 x 128 px and a noise of 10 to
+Needs PyTorch, onnxscript and the package microsig. Samples have the optics of the tracks D3 and S (setting 1), 128 x 128 px and a noise of 10 to
 200 counts: 1 to 48 spheres of 2 um (up to N_S 1 and somewhat beyond), or with --axes, 1 to 16 spheroids of 4 um with aspect ratios
 0.25 to 5. Seeds are those of the stream, datasets of the suite are not seen.
 """
@@ -108,9 +108,9 @@ def main():
         if (step + 1) % 100 == 0:
             print(f"step {step + 1}: loss {mean:.4f}, {(time.perf_counter() - began) / 60:.1f} minutes", flush=True)
             torch.save(net.state_dict(), f"{name}.pt.part")
-    axes = {2: "rows", 3: "columns"}
+    sides = {2: torch.export.Dim("rows"), 3: torch.export.Dim("columns")}
     torch.onnx.export(net.eval(), torch.zeros(1, 1, 64, 64), f"{name}.onnx", input_names=["image"], output_names=["maps"],
-                      dynamic_axes={"image": axes, "maps": axes}, opset_version=13)
+                      dynamic_shapes={"x": sides}, opset_version=18, external_data=False)
 
 
 if __name__ == "__main__":

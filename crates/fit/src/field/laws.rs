@@ -58,6 +58,9 @@ const TERMS: [Term; 19] = [
     Term { key: "transmission", unit: "", effect: |_| vec![(TRANSMISSION, 1.0)] },
 ];
 
+/// The coefficient of the light over the field.
+pub(super) const LIGHT: &str = "light_per_mm2";
+
 /// A coefficient with its standard deviation.
 #[derive(Debug, Clone, Serialize)]
 pub struct Coefficient {
@@ -229,11 +232,19 @@ impl Laws {
         self.value("focus_um")
     }
 
-    /// The terms of a scenario; those that are not resolved are 0. Depth grows away from the lens: `direction` is +1 if stage positions do.
-    pub(super) fn field(&self, direction: f64, light_per_mm2: f64) -> FieldOptics {
-        let resolved = |key: &str| self.coefficients.iter().find(|c| c.key == key && c.is_resolved());
-        let of = |key: &str| resolved(key).map_or(0.0, |c| c.value);
-        FieldOptics {
+    /// The terms of a scenario, and the keys of those that are not resolved and therefore 0. Depth grows away from the
+    /// lens: `direction` is +1 if stage positions do.
+    pub(super) fn field(&self, direction: f64) -> (FieldOptics, Vec<&'static str>) {
+        let mut unresolved = Vec::new();
+        let mut of = |key: &str| match self.coefficients.iter().find(|c| c.key == key) {
+            Some(c) if c.is_resolved() => c.value,
+            Some(c) => {
+                unresolved.push(c.key);
+                0.0
+            }
+            None => 0.0,
+        };
+        let field = FieldOptics {
             focus: FocusSurface {
                 curvature_um_per_mm2: direction * of("focus.curvature_um_per_mm2"),
                 tilt_um_per_mm: (
@@ -246,7 +257,7 @@ impl Laws {
                 per_mm: of("chief_ray.per_mm"),
             },
             distortion_per_mm2: 0.0,
-            light_per_mm2,
+            light_per_mm2: of(LIGHT),
             coma: FieldComa {
                 constant: (of("coma.constant.0"), of("coma.constant.1")),
                 per_mm: of("coma.per_mm"),
@@ -260,7 +271,8 @@ impl Laws {
                 // Narrowing only: noise of an unvignetted field is no widening.
                 meridional_per_mm2: of("vignetting.meridional_per_mm2").max(0.0),
             },
-        }
+        };
+        (field, unresolved)
     }
 }
 
@@ -387,7 +399,7 @@ mod tests {
             "optics of few are constant"
         );
         assert!((few.value("numerical_aperture") - 0.44).abs() < 1e-3, "{few:?}");
-        let field = laws.field(-1.0, 0.0);
+        let (field, _) = laws.field(-1.0);
         assert!((field.focus.curvature_um_per_mm2 + 5.2).abs() < 0.3, "{field:?}");
     }
 }

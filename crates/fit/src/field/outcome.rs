@@ -4,7 +4,7 @@ use microsig_core::optics::FieldOptics;
 use serde::Serialize;
 
 use super::frames::Frames;
-use super::laws::{Coefficient, FEWEST, Laws};
+use super::laws::{Coefficient, FEWEST, LIGHT, Laws};
 use super::local::{FOCUS, NA, QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
 use super::{FREE, FieldOptions, evenly, median, output};
@@ -134,13 +134,12 @@ impl Outcome<'_> {
         let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
         let light: Vec<([f64; 2], f64)> =
             singles.iter().map(|&k| (subjects[k].place_of(&fits[k].local), of_laws[k].light())).collect();
-        let (light_per_mm2, light_sd) = light_law(&light);
-        let mut coefficients = laws.coefficients.clone();
+        let mut laws = laws.clone();
         if singles.len() >= FEWEST {
-            coefficients.push(Coefficient { key: LIGHT, value: light_per_mm2, sd: light_sd, unit: "1/mm^2" });
+            let (value, sd) = light_law(&light);
+            laws.coefficients.push(Coefficient { key: LIGHT, value, sd, unit: "1/mm^2" });
         }
-        let light_per_mm2 =
-            coefficients.iter().find(|c| c.key == LIGHT && c.is_resolved()).map_or(0.0, |c| c.value);
+        let (field, unresolved) = laws.field(options.direction);
         let quantities: Vec<&'static str> = FREE.iter().map(|q| QUANTITIES[*q].0).collect();
         let particles: Vec<FieldParticle> = (0..fits.len())
             .map(|k| {
@@ -172,7 +171,12 @@ impl Outcome<'_> {
         let mean_r2 = singles.iter().map(|&k| of_laws[k].r2()).sum::<f64>() / singles.len() as f64;
         let chi2 = median(singles.iter().map(|&k| of_frame(of_laws[k].chi2(), repeats)).collect());
         let mut warnings = self.warnings(fits.len(), singles.len());
-        warnings.extend(unresolved(&coefficients));
+        if !unresolved.is_empty() {
+            warnings.push(format!(
+                "not resolved (the 95 % interval contains 0), and therefore 0 in scenario.ron: {}",
+                unresolved.join(", ")
+            ));
+        }
         let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * subjects[**k].largest_na();
         let bounded = singles.iter().filter(is_bounded).count();
         if bounded > 0 {
@@ -187,8 +191,7 @@ impl Outcome<'_> {
             frames.stage_um.iter().map(|s| options.direction * (s - laws.focus_um())).fold(start, f)
         };
         let fitted = FieldFit {
-            coefficients,
-            field: laws.field(options.direction, light_per_mm2),
+            field,
             numerical_aperture: laws.numerical_aperture(),
             blur_um: laws.blur_um(),
             focus_um: laws.focus_um(),
@@ -201,6 +204,7 @@ impl Outcome<'_> {
             r2_of_laws: mean_r2,
             chi2_of_laws: chi2,
             warnings,
+            coefficients: laws.coefficients.clone(),
         };
         let shown = center_to_corner(&fitted.particles);
         let images = shown.into_iter().map(|k| images(k, &subjects[k], &of_laws[k])).collect();
@@ -210,7 +214,7 @@ impl Outcome<'_> {
             spherical: laws.spherical(),
             transmission: laws.transmission(),
             size_px: [scan.width, scan.height],
-            light: brightness(&light, light_per_mm2),
+            light: brightness(&light, fitted.field.light_per_mm2),
             particles: candidates.len(),
         };
         let mut json = serde_json::to_vec_pretty(&fitted).map_err(|e| Error::input(e.to_string()))?;
@@ -294,19 +298,6 @@ fn light_law(light: &[([f64; 2], f64)]) -> (f64, f64) {
     let center = mean - slope * mean_r2;
     (slope / center, libm::sqrt(variance / spread) / center)
 }
-
-/// A warning that names the terms over the field that are not resolved.
-fn unresolved(coefficients: &[Coefficient]) -> Option<String> {
-    let is_over_field = |c: &&Coefficient| c.key.contains("_per_") || c.key.contains('.');
-    let found = coefficients.iter().filter(is_over_field).filter(|c| !c.is_resolved()).map(|c| c.key);
-    let found = found.collect::<Vec<_>>().join(", ");
-    (!found.is_empty()).then(|| {
-        format!("not resolved (the 95 % interval contains 0), and therefore 0 in scenario.ron: {found}")
-    })
-}
-
-/// The coefficient of the light over the field.
-const LIGHT: &str = "light_per_mm2";
 
 /// Number of planes of a particle in a report.
 const SHOWN_PLANES: usize = 11;

@@ -26,6 +26,16 @@ impl Fineness {
         Fineness(libm::sqrt(1e-3 / tolerance).clamp(0.5, 4.0))
     }
 
+    /// The resolution of the image of a spheroid: finer than where refinement starts, as nothing refines it.
+    pub(super) fn of_spheroid(tolerance: f64) -> Fineness {
+        Fineness(1.5 * libm::sqrt(1e-3 / tolerance).clamp(0.2, 4.0))
+    }
+
+    /// Whether images are those of fits, coarser than any that is refined.
+    pub(super) fn is_coarse(self) -> bool {
+        self.0 < 0.5
+    }
+
     /// 1 for images of moderate accuracy, otherwise 2: the factor on the numbers of fine steps and of source
     /// points.
     pub(super) fn factor(self) -> usize {
@@ -222,7 +232,8 @@ impl PupilSampling {
         let zones = libm::ceil(ZONES * libm::sqrt(finer)).clamp(2.0, 12.0) as usize;
         let quarters = if part == PupilPart::Quadrant { 1 } else { 4 };
         // Images of small particles have sharp edges.
-        let fine = if image_px > 8.0 { 8 } else { 16 } * fineness.factor();
+        let fine = if image_px > 8.0 { 8 } else { 16 } * fineness.factor()
+            / if fineness.is_coarse() { 2 } else { 1 };
         PupilSampling {
             reach_um,
             quarters,

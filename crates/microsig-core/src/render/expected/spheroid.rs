@@ -9,10 +9,12 @@ use crate::particle::Particle;
 use crate::render::patch::Window;
 use crate::settings::Settings;
 
-/// The emitting surface of a spheroid: the source points selected by `law`.
-fn surface(settings: &Settings, law: SpheroidLaw, particle: &Particle) -> EmittingSurface {
+/// Source points on a spheroid whose image is coarse.
+const COARSE_POINTS: usize = 2048;
+
+/// The emitting surface of a spheroid: those of `n` source points that are selected by `law`.
+fn surface(n: usize, law: SpheroidLaw, particle: &Particle) -> EmittingSurface {
     let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
-    let n = emission::surface_points(settings, particle);
     emission::shining_points(particle, n, law, &mut azimuths, &mut points);
     let e_p = particle.spheroid.map_or(1.0, |spheroid| spheroid.e_p);
     EmittingSurface::new(points, 0.5 * particle.d_um * e_p.min(1.0))
@@ -26,14 +28,16 @@ pub(super) fn patch(
     particle: &Particle,
     window: Window,
 ) -> Vec<f32> {
-    let surface = surface(settings, law, particle);
+    let fineness = Fineness::of_spheroid(model.tolerance);
+    let all = emission::surface_points(settings, particle);
+    let n = if fineness.is_coarse() { all.min(COARSE_POINTS) } else { all };
+    let surface = surface(n, law, particle);
     let first_px = [window.x0 as f64 - particle.x_px, window.y0 as f64 - particle.y_px];
     let grid = Grid { per_px: 1, first_px, columns: window.width, rows: window.height };
-    // Finer than where refinement starts, as nothing refines it.
-    let fineness = Fineness(1.5 * Fineness::first(model.tolerance).0);
     let integral = model.integral(particle.z_um, &surface, grid);
     let mut light = integral.light(PupilPart::Whole, fineness, model.instructions);
-    let rays = (surface.points.len() as f64 * (f64::from(settings.n_rays) + 1.0)) as f32;
+    let shining = surface.points.len() as f64 * (all as f64 / n.max(1) as f64);
+    let rays = (shining * (f64::from(settings.n_rays) + 1.0)) as f32;
     light.iter_mut().for_each(|v| *v *= rays);
     light
 }
@@ -52,7 +56,7 @@ mod tests {
         let pupil = Pupil { system: OpticalSystem::new(settings), pixel_size: settings.pixel_size };
         let (rings, azimuths) = (24, 48);
         let mut sums = [0.0; 5];
-        for point in surface(settings, law, particle).points {
+        for point in surface(emission::surface_points(settings, particle), law, particle).points {
             for ring in 0..rings {
                 let q = pupil.aperture() * (f64::from(ring) + 0.5) / f64::from(rings);
                 for azimuth in 0..azimuths {
