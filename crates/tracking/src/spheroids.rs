@@ -105,6 +105,9 @@ pub(super) fn particles(job: &Job, aspect: Option<f64>) -> Result<Output> {
 struct Opposite {
     depths_um: Vec<f64>,
     other_um: Vec<Option<f64>>,
+    /// The middle of such pairs and half the distance of the closest, um: within it, averaged images are too much alike to
+    /// tell pairs, which are as far from the middle.
+    middle: Option<(f64, f64)>,
 }
 
 impl Opposite {
@@ -121,13 +124,18 @@ impl Opposite {
             let others = (0..n).filter(|&j| alike[j] > ALIKE && lowest(j) < alike[j] - FALL);
             others.max_by(|&a, &b| alike[a].total_cmp(&alike[b])).map(|j| templates.depth_um(j))
         };
-        Opposite {
-            depths_um: (0..n).map(|k| templates.depth_um(k)).collect(),
-            other_um: (0..n).map(other).collect(),
-        }
+        let depths_um: Vec<f64> = (0..n).map(|k| templates.depth_um(k)).collect();
+        let other_um: Vec<Option<f64>> = (0..n).map(other).collect();
+        let pairs = depths_um.iter().zip(&other_um).filter_map(|(z, other)| other.map(|other| [*z, other]));
+        let closest = pairs.min_by(|a, b| (a[1] - a[0]).abs().total_cmp(&(b[1] - b[0]).abs()));
+        let middle = closest.map(|[z, other]| (0.5 * (z + other), 0.5 * (z - other).abs()));
+        Opposite { depths_um, other_um, middle }
     }
 
     fn of(&self, z_um: f64) -> Option<f64> {
+        if let Some((middle, _)) = self.middle.filter(|(middle, half)| (z_um - middle).abs() < *half) {
+            return Some(2.0 * middle - z_um);
+        }
         let away = |k: &usize| (self.depths_um[*k] - z_um).abs();
         let nearest = (0..self.depths_um.len()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
         self.other_um[nearest]

@@ -74,6 +74,27 @@ mod tests {
         moments(sums)
     }
 
+    /// Images at a coarse tolerance, which fits draw on their way: their RMS difference from those at the default one is below
+    /// half of it, and they have the same light.
+    #[test]
+    fn coarse_images_are_near_the_others() {
+        let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1() };
+        for (e_p, z_um) in [(2.0, -30.0), (2.0, -5.0), (0.4, -50.0), (5.0, 5.0)] {
+            let spheroid = Some(Spheroid { e_p, alpha_rad: 0.785, beta_rad: 0.9 });
+            let particle = Particle { spheroid, ..Particle::sphere(60.7, 61.2, z_um, 4.0) };
+            let [fine, coarse] = [DEFAULT_TOLERANCE, 0.02].map(|tolerance| {
+                let renderer = ExpectedRenderer::new(&settings, SpheroidLaw::Uniform, tolerance).unwrap();
+                renderer.patch(&particle).unwrap()
+            });
+            let peak = fine.counts.iter().copied().fold(0.0, f64::max);
+            let off: Vec<f64> =
+                fine.counts.iter().zip(coarse.on(fine.window)).map(|(a, b)| (a - b).abs() / peak).collect();
+            let off = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
+            let light = coarse.counts.iter().sum::<f64>() / fine.counts.iter().sum::<f64>();
+            assert!(off < 0.01 && (light - 1.0).abs() < 2e-3, "e_p {e_p}, z {z_um}: {off}, {light}");
+        }
+    }
+
     fn moments([light, x, y, xx, yy]: [f64; 5]) -> [[f64; 2]; 2] {
         let (x, y) = (x / light, y / light);
         [[x, y], [xx / light - x * x, yy / light - y * y]]
