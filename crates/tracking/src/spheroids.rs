@@ -498,3 +498,29 @@ impl State {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Images that depend on the distance from the focus at 1 um alone: beyond the closest pair that is told apart, the other
+    /// side is known to the spacing of the templates, and within it exactly.
+    #[test]
+    fn both_sides_of_focus_are_known() {
+        let depths_um: Vec<f64> = (0..45).map(|k| -10.0 + 0.5 * f64::from(k)).collect();
+        let side = 41;
+        let image = |z_um: &f64| {
+            let sigma = 2.0 + 0.05 * (z_um - 1.0).powi(2);
+            let r2 = |i: usize| (i % side).abs_diff(20).pow(2) + (i / side).abs_diff(20).pow(2);
+            let counts =
+                (0..side * side).map(|i| (-0.5 * r2(i) as f64 / (sigma * sigma)).exp() as f32 / sigma as f32);
+            GrayImage { width: side, height: side, counts: counts.collect() }
+        };
+        let images = depths_um.iter().map(image).collect();
+        let opposite = Opposite::new(&Templates::new(depths_um, images, PixelNoise::new(1.0, 0.0)));
+        for z_um in [1.1, 1.4, 0.3, 5.0, -7.0, 9.5] {
+            let other = opposite.of(z_um).unwrap();
+            assert!((other - (2.0 - z_um)).abs() < 0.6, "{z_um}: {other}");
+        }
+    }
+}
