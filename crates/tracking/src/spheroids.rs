@@ -105,8 +105,8 @@ pub(super) fn particles(job: &Job, aspect: Option<f64>) -> Result<Output> {
 struct Opposite {
     depths_um: Vec<f64>,
     other_um: Vec<Option<f64>>,
-    /// The middle of such pairs and half the distance of the closest, um: within it, averaged images are too much alike to
-    /// tell pairs, which are as far from the middle.
+    /// Midpoint and half the separation of the closest such pair, um. Nearer to focus, averaged images hardly change with
+    /// depth, and the other side is taken to be the reflection about the midpoint.
     middle: Option<(f64, f64)>,
 }
 
@@ -503,8 +503,8 @@ impl State {
 mod tests {
     use super::*;
 
-    /// Images that depend on the distance from the focus at 1 um alone: beyond the closest pair that is told apart, the other
-    /// side is known to the spacing of the templates, and within it exactly.
+    /// Images that are symmetric about focus at 1 um: the depth with the same image on the other side is found to within
+    /// the spacing of the templates, near focus as well.
     #[test]
     fn both_sides_of_focus_are_known() {
         let depths_um: Vec<f64> = (0..45).map(|k| -10.0 + 0.5 * f64::from(k)).collect();

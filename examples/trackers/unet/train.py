@@ -11,6 +11,7 @@ import argparse
 import time
 
 import microsig as ms
+import onnx
 import torch
 from microsig.torch import dataset
 from torch import nn
@@ -111,6 +112,11 @@ def main():
     sides = {2: torch.export.Dim("rows"), 3: torch.export.Dim("columns")}
     torch.onnx.export(net.eval(), torch.zeros(1, 1, 64, 64), f"{name}.onnx", input_names=["image"], output_names=["maps"],
                       dynamic_shapes={"x": sides}, opset_version=18, external_data=False)
+    model = onnx.load(f"{name}.onnx")
+    # Places in the source of each node.
+    for node in model.graph.node:
+        node.ClearField("metadata_props")
+    onnx.save(model, f"{name}.onnx")
 
 
 if __name__ == "__main__":

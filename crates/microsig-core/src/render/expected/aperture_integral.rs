@@ -31,15 +31,18 @@ impl Fineness {
         Fineness(1.5 * libm::sqrt(1e-3 / tolerance).clamp(0.2, 4.0))
     }
 
-    /// Whether images are those of fits, coarser than any that is refined.
+    /// Whether an image is coarser than any from which refinement starts: a draft for a fit.
     pub(super) fn is_coarse(self) -> bool {
         self.0 < 0.5
     }
 
-    /// 1 for images of moderate accuracy, otherwise 2: the factor on the numbers of fine steps and of source
-    /// points.
-    pub(super) fn factor(self) -> usize {
-        if self.0 < 1.4 { 1 } else { 2 }
+    /// The number of fine steps or source points, given that for images of moderate accuracy.
+    pub(super) fn scaled(self, number: usize) -> usize {
+        match self.0 {
+            _ if self.is_coarse() => number / 2,
+            fineness if fineness < 1.4 => number,
+            _ => 2 * number,
+        }
     }
 }
 
@@ -232,8 +235,7 @@ impl PupilSampling {
         let zones = libm::ceil(ZONES * libm::sqrt(finer)).clamp(2.0, 12.0) as usize;
         let quarters = if part == PupilPart::Quadrant { 1 } else { 4 };
         // Images of small particles have sharp edges.
-        let fine = if image_px > 8.0 { 8 } else { 16 } * fineness.factor()
-            / if fineness.is_coarse() { 2 } else { 1 };
+        let fine = fineness.scaled(if image_px > 8.0 { 8 } else { 16 });
         PupilSampling {
             reach_um,
             quarters,

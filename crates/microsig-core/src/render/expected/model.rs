@@ -15,7 +15,7 @@ use crate::render::spline::{self, SplineDegree};
 
 /// Maximum number of refinements of the resolution.
 const FINER: usize = 2;
-/// Number of source points of a sphere, times [`Fineness::factor`].
+/// Number of source points of a sphere, before [`Fineness::scaled`].
 const POINTS: usize = 2048;
 
 /// Nodes per px at which round images are computed before they are interpolated to the nodes of their plane.
@@ -148,7 +148,7 @@ impl Model {
                 self.round_quadrant(z_um, radius_um, quadrant, fineness)
             }
             SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
-                let surface = EmittingSurface::sphere(radius_um, POINTS * fineness.factor());
+                let surface = EmittingSurface::sphere(radius_um, fineness.scaled(POINTS));
                 let grid = Grid::about(per_px, columns, rows);
                 let integral = self.integral(z_um, &surface, grid);
                 let values = integral.light(PupilPart::Quadrant, fineness, self.instructions);
