@@ -158,7 +158,7 @@ def track(
     noise_um: float,
     ensemble: bool,
     spheroids: bool,
-    aspect_ratio: float | None,
+    aspect_ratio: float | str,
     seed: int,
     show: _Show,
 ) -> dict[str, Any]: ...

@@ -258,7 +258,7 @@ def track(
     noise_um: float = 1.0,
     ensemble: bool = False,
     shape: Literal["sphere", "spheroid"] = "sphere",
-    aspect_ratio: float | None = None,
+    aspect_ratio: float | Literal["common", "each"] | None = None,
     seed: int = 0,
     progress: Progress = False,
 ) -> Table:
@@ -274,8 +274,8 @@ def track(
     :param noise_um: the same in z, um
     :param ensemble: one field for all pairs of a steady flow (``piv``)
     :param shape: ``spheroid``: also measure the axis (``ncc``, ``mle``)
-    :param aspect_ratio: polar over equatorial diameter of spheroids, 0.1 to 10; if None, fitted
-        (``mle``) or the best of 1/4, 1/2, 2, 4 (``ncc``)
+    :param aspect_ratio: polar over equatorial diameter of spheroids: 0.1 to 10; ``common`` (as if None), measured by the
+        clearest particles; or ``each`` particle its own
     :param seed: seed of that noise
     :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field; of
@@ -291,7 +291,7 @@ def track(
         real("noise_um", noise_um, 0, 1e3),
         flag("ensemble", ensemble),
         one_of("shape", shape, ("sphere", "spheroid")) == "spheroid",
-        None if aspect_ratio is None else real("aspect_ratio", aspect_ratio, 0.1, 10),
+        _aspect(aspect_ratio),
         whole("seed", seed, 0, LAST_SEED),
         shown(progress),
     )
@@ -300,6 +300,12 @@ def track(
     if aspect_ratio is not None and shape != "spheroid":
         raise ValueError("aspect_ratio: expected with shape = 'spheroid'")
     return Table(_microsig.track(_folder(dataset), method, *options), name=f"result of {method}")
+
+
+def _aspect(ratio: object) -> float | str:
+    if ratio is None or isinstance(ratio, str):
+        return one_of("aspect_ratio", "common" if ratio is None else ratio, ("common", "each"))
+    return real("aspect_ratio", ratio, 0.1, 10)
 
 
 class Comparison:

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use bench::report;
 use clap::ValueEnum;
 use dataset::Columns;
-use pyo3::exceptions::PyIndexError;
+use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Truth, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, Origin, Source};
-use tracking::{METHODS, ParticleShape, TrackOptions, result};
+use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
 use crate::dataset::{Kept, Made, Place};
@@ -152,6 +152,13 @@ fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(S
     })
 }
 
+/// An aspect ratio: a number, or `common` or `each`.
+#[derive(FromPyObject)]
+enum Aspect {
+    Given(f64),
+    Named(String),
+}
+
 /// Tracks a dataset by options within their ranges; gives the columns of the result.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
@@ -165,10 +172,14 @@ fn track<'py>(
     noise_um: f64,
     ensemble: bool,
     spheroids: bool,
-    aspect_ratio: Option<f64>,
+    aspect_ratio: Aspect,
     seed: u64,
     show: Show<'py>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let aspect = match aspect_ratio {
+        Aspect::Given(ratio) => AspectRatio::Given(ratio),
+        Aspect::Named(name) => name.parse().map_err(PyValueError::new_err)?,
+    };
     let columns = run(py, show, OnInterrupt::Wait, move |progress| {
         let options = TrackOptions {
             method,
@@ -179,11 +190,7 @@ fn track<'py>(
             seed,
             force: false,
             ensemble,
-            shape: if spheroids {
-                ParticleShape::Spheroid { aspect: aspect_ratio }
-            } else {
-                ParticleShape::Sphere
-            },
+            shape: if spheroids { ParticleShape::Spheroid { aspect } } else { ParticleShape::Sphere },
             progress: progress.clone(),
         };
         Ok(result(&dataset, &options)?.0)

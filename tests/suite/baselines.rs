@@ -117,7 +117,7 @@ fn mle_fits_images_by_wave_optics() {
     assert_tracks(&score(folder.path(), "mle"), "waves", [0.9, 0.9, 0.05, 0.003]);
 }
 
-/// Axes to a few degrees; by `mle` at the bound, with uncertainties, and the aspect ratio if it is not given.
+/// Axes to a few degrees; by `mle` at the bound, with uncertainties, and the aspect ratio: one for all, or of each.
 #[test]
 fn ncc_and_mle_measure_the_axes_of_spheroids() {
     let folder = tempfile::tempdir().unwrap();
@@ -133,10 +133,11 @@ fn ncc_and_mle_measure_the_axes_of_spheroids() {
     generate(folder.path(), "dataset", scenario);
     let (dataset, result) = (folder.path().join("dataset"), folder.path().join("mle.csv"));
     // The third is half beyond the edge of the image.
-    for (method, ratio, angle) in [
-        ("ncc", &["--aspect-ratio", "2.5"][..], "median_deg"),
-        ("mle", &["--aspect-ratio", "2.5"], "mean_deg"),
-        ("mle", &[], "mean_deg"),
+    // If its own aspect ratio is fitted, it may be taken to lie beyond the edge, and is not reported.
+    for (method, ratio, angle, found) in [
+        ("ncc", &["--aspect-ratio", "2.5"][..], "median_deg", 3.0),
+        ("mle", &[], "mean_deg", 3.0),
+        ("mle", &["--aspect-ratio", "each"], "mean_deg", 2.0),
     ] {
         let track =
             ["track", path(&dataset), "--method", method, "--shape", "spheroid", "--force", "--quiet"];
@@ -153,23 +154,29 @@ fn ncc_and_mle_measure_the_axes_of_spheroids() {
             "--quiet",
         ]);
         let score: Value = serde_json::from_slice(&std::fs::read(out.join("score.json")).unwrap()).unwrap();
-        assert_eq!(number(&score, "/detection/recall"), 1.0, "{score}");
+        assert!(number(&score, "/detection/tp") >= found, "{score}");
         assert!(number(&score, &format!("/orientation/{angle}")) < 3.0, "{}", score["orientation"]);
         let is_efficient = number(&score, "/crlb/efficiency_axis") > 0.3;
         assert!(is_efficient || method == "ncc", "{}", score["crlb"]);
-    }
-    let text = std::fs::read_to_string(&result).unwrap();
-    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
-    let header = lines.next().unwrap();
-    let column = |name: &str| header.iter().position(|column| *column == name).unwrap();
-    let (ratio, sd) = (column("aspect_ratio"), column("aspect_ratio_sd"));
-    for line in lines {
-        let [ratio, sd] = [ratio, sd].map(|k| line[k].parse::<f64>().unwrap());
-        assert!((ratio - 2.5).abs() < (4.0 * sd).max(0.05), "{ratio} +- {sd}");
+        let ratios = if method == "mle" { aspect_ratios(&result) } else { continue };
+        assert_eq!(ratios.iter().all(|of| *of == ratios[0]), ratio.is_empty(), "{ratios:?}");
+        for [ratio, sd] in ratios {
+            assert!((ratio - 2.5).abs() < (4.0 * sd).max(0.05), "{ratio} +- {sd}");
+        }
     }
     let dataset = path(&dataset).to_owned();
     let wrong = fail(2, &["track", &dataset, "--method", "spots", "--shape", "spheroid", "--out", "x.csv"]);
     assert!(wrong.contains("expected with method ncc or mle, not spots"), "{wrong}");
+}
+
+/// Aspect ratios of a result and their standard deviations.
+fn aspect_ratios(result: &Path) -> Vec<[f64; 2]> {
+    let text = std::fs::read_to_string(result).unwrap();
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let columns = ["aspect_ratio", "aspect_ratio_sd"]
+        .map(|name| header.iter().position(|column| *column == name).unwrap());
+    lines.map(|line| columns.map(|k| line[k].parse().unwrap())).collect()
 }
 
 /// A focus that is tilted by 4 um from the middle of the field to its ends: the optics of the middle would be off by

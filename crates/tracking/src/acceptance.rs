@@ -6,12 +6,13 @@ use super::fit::ParticleFit;
 pub(super) const LEAST_SIGNIFICANCE: f64 = 8.0;
 
 /// Minimum correlation of a particle with its template.
-const LEAST_CORRELATION: f64 = 0.5;
+pub(super) const LEAST_CORRELATION: f64 = 0.5;
 
 /// Allowed brightness relative to the calibration particle. Bright parts of large images resemble faint small
 /// images.
 pub(super) const LEAST_BRIGHTNESS: f64 = 0.25;
 const LARGEST_BRIGHTNESS: f64 = 4.0;
+pub(super) const BRIGHTNESS: std::ops::RangeInclusive<f64> = LEAST_BRIGHTNESS..=LARGEST_BRIGHTNESS;
 
 /// Classification of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +29,7 @@ pub(super) fn verdict(fit: &ParticleFit) -> Verdict {
         Verdict::Faint
     } else if fit.correlation <= LEAST_CORRELATION {
         Verdict::Unlike
-    } else if !(LEAST_BRIGHTNESS..=LARGEST_BRIGHTNESS).contains(&fit.amplitude) {
+    } else if !BRIGHTNESS.contains(&fit.amplitude) {
         Verdict::OtherBrightness
     } else {
         Verdict::Particle

@@ -31,6 +31,7 @@ mod recording;
 mod regions;
 mod search;
 mod shape_correlation;
+mod shape_fit;
 mod shape_templates;
 mod sides;
 mod spheroids;
@@ -84,9 +85,35 @@ pub enum ParticleShape {
     Sphere,
     /// Spheroids with the equatorial diameter of the calibration particle.
     Spheroid {
-        /// Polar over equatorial diameter, > 0; `None`: `mle` fits it, `ncc` chooses the best of a few.
-        aspect: Option<f64>,
+        /// Polar over equatorial diameter.
+        aspect: AspectRatio,
     },
+}
+
+/// What is known of the aspect ratio of spheroids, polar over equatorial diameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AspectRatio {
+    /// Its value, within [`ParticleShape::ASPECTS`].
+    Given(f64),
+    /// All particles have the same, which is measured.
+    Common,
+    /// Each particle has its own: `mle` fits it, `ncc` chooses the best of a few.
+    Each,
+}
+
+impl std::str::FromStr for AspectRatio {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text {
+            "common" => Ok(AspectRatio::Common),
+            "each" => Ok(AspectRatio::Each),
+            _ => text
+                .parse()
+                .map(AspectRatio::Given)
+                .map_err(|_| "expected a number, common or each".to_owned()),
+        }
+    }
 }
 
 /// Options of a tracker run.
@@ -224,12 +251,12 @@ impl ParticleShape {
                 "shape spheroid: expected with method ncc or mle, not {method}"
             )));
         }
-        match aspect.filter(|aspect| !Self::ASPECTS.contains(aspect)) {
-            Some(aspect) => {
+        match aspect {
+            AspectRatio::Given(aspect) if !Self::ASPECTS.contains(&aspect) => {
                 let (least, most) = Self::ASPECTS.into_inner();
                 Err(Error::input(format!("aspect ratio {aspect}: expected {least} to {most}")))
             }
-            None => Ok(()),
+            _ => Ok(()),
         }
     }
 }

@@ -36,9 +36,19 @@ pub(super) struct Locator<I> {
     places: Option<FieldPlaces>,
     /// Side of a binned pixel, px.
     bin: usize,
+    /// Whether the sizes are many similar shapes.
+    shapes: bool,
     /// Noise of a frame.
     noise: PixelNoise,
     step_um: f64,
+}
+
+impl Locator<Templates> {
+    /// With templates of particles of several shapes.
+    pub(super) fn of_shapes(templates: Vec<Templates>, error: f32, noise: PixelNoise) -> Self {
+        let both = templates.into_iter().map(|of_shape| (of_shape.clone(), of_shape)).collect();
+        Locator { shapes: true, ..Locator::new(both, error, noise) }
+    }
 }
 
 impl<I: ParticleImages> Locator<I> {
@@ -83,6 +93,7 @@ impl<I: ParticleImages> Locator<I> {
                 .collect(),
             places,
             bin,
+            shapes: false,
             noise,
             step_um: all().map(Templates::step_um).fold(f64::INFINITY, f64::min),
         }
@@ -116,15 +127,18 @@ impl<I: ParticleImages> Locator<I> {
         let weight = weights(&coarse, noise.binned(self.bin), ROUGH_ERROR);
         let residual = Residual { image: coarse, weight };
         let (mut found, rejections) = match &self.places {
-            None => Search::run(&self.coarse[0], residual),
+            None => Search::run(&self.coarse[0], self.shapes, residual),
             Some(places) => regions::search(&self.coarse, places, &residual, self.bin),
         };
         for fit in &mut found {
             fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
         }
-        let images = self.images.iter().map(|of_size| of_size as &dyn ParticleImages).collect();
-        let model = Model { images, noise, error: self.error, step_um: self.step_um };
-        let found = fit_all(image, level, &model, found);
+        // Those of shapes are fitted by their own images, in place of the few of the search.
+        if !self.shapes {
+            let images = self.images.iter().map(|of_size| of_size as &dyn ParticleImages).collect();
+            let model = Model { images, noise, error: self.error, step_um: self.step_um };
+            found = fit_all(image, level, &model, found);
+        }
         // Drop particles outside the image, whose light may reach it.
         let size = [image.width, image.height].map(|n| n as f64);
         let inside = found

@@ -21,7 +21,8 @@ use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
 use super::locate::Locator;
 use super::recorded_noise::RecordedNoise;
-use super::spheroids::{self, Pose};
+use super::shape_fit::Pose;
+use super::spheroids;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
 use super::{Method, ParticleShape};
@@ -40,6 +41,9 @@ const TOLERANCE_OF_DRAFTS: f64 = 0.02;
 
 /// Tolerance of images that depend on the place in the field, whose tables take long.
 const TOLERANCE_OF_FIELD: f64 = 0.02;
+
+/// Aspect ratio of spheroids for which there is room at least.
+const LONGEST: f64 = 5.0;
 
 /// Relative error of the model images assumed in the weights.
 const MODEL_ERROR: f32 = 0.01;
@@ -121,17 +125,17 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     }
     let (side, depths_um) = (stack.images[0].width, stack.depths_um.clone());
     let (templates, sphere) = of_size(job, stack, &origin, None)?;
-    let more =
-        0.5 * origin.d_um * (longest - 1.0) * origin.settings.magnification / origin.settings.pixel_size;
-    let more = more.ceil() as usize;
-    let model = ModelImages::new(&origin, &depths_um, side + 2 * more)?;
+    let of_aspect = 0.5 * origin.d_um * origin.settings.magnification / origin.settings.pixel_size;
+    let room = (of_aspect * (longest.max(LONGEST) - 1.0)).ceil() as usize;
+    let model = ModelImages::new(&origin, &depths_um, side + 2 * room)?;
     let draft = match origin.waves {
         Some(_) => None,
         None => Some(renderer(&origin, TOLERANCE_OF_DRAFTS).build(model.renderer.settings(), &context())?),
     };
-    let radii = depths_um.iter().map(|z_um| templates[0].radius_px(*z_um, 0.0) + more).collect();
-    let images = ShapeImages { model: ModelImages { unit: sphere.unit, radii, ..model }, draft };
-    Ok(OfSpheroids { images, noise })
+    let radii = depths_um.iter().map(|z_um| templates[0].radius_px(*z_um, 0.0)).collect();
+    let model = ModelImages { unit: sphere.unit, ..model };
+    let images = ShapeImages { model, draft, radii, of_aspect, room };
+    Ok(OfSpheroids { images: images.up_to(longest), noise })
 }
 
 /// How well images of spheroids are computed.
@@ -147,9 +151,21 @@ pub(super) struct ShapeImages {
     model: ModelImages,
     /// For drafts, if they are cheaper.
     draft: Option<Renderer>,
+    /// Half widths of images of spheres, px, and how much larger an aspect ratio makes them.
+    radii: Vec<usize>,
+    of_aspect: f64,
+    /// Room for this.
+    room: usize,
 }
 
 impl ShapeImages {
+    /// With room for a polar diameter up to `longest` times that of the calibration particle, if there is as much.
+    pub(super) fn up_to(mut self, longest: f64) -> Self {
+        let more = ((self.of_aspect * (longest - 1.0)).ceil() as usize).min(self.room);
+        self.model.radii = self.radii.iter().map(|radius| radius + more).collect();
+        self
+    }
+
     pub(super) fn depths_um(&self) -> [f64; 2] {
         self.model.depths_um()
     }

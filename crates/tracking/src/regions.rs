@@ -41,7 +41,7 @@ pub(super) fn search(
             image: GrayImage::from_fn(size, |x, y| frame.image.counts[at(x, y)]),
             weight: (0..size.0 * size.1).map(|i| frame.weight[at(i % size.0, i / size.0)]).collect(),
         };
-        let (of_part, rejected) = Search::run(of_place, part);
+        let (of_part, rejected) = Search::run(of_place, false, part);
         rejections.add(rejected);
         for mut fit in of_part {
             fit.at = [fit.at[0] + left as f64, fit.at[1] + top as f64];

@@ -65,6 +65,8 @@ impl Match {
 pub(super) struct Search<'a> {
     /// Templates of each particle size.
     templates: &'a [Templates],
+    /// Whether a candidate is fitted with templates of its own size alone, of many similar ones.
+    own_size: bool,
     residual: Residual,
     found: Vec<ParticleFit>,
     rejections: Rejections,
@@ -73,8 +75,13 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     /// Finds the particles in a background-subtracted frame with pixel weights and counts the rejected
     /// candidates.
-    pub(super) fn run(templates: &'a [Templates], residual: Residual) -> (Vec<ParticleFit>, Rejections) {
-        let mut search = Search { templates, residual, found: Vec::new(), rejections: Rejections::default() };
+    pub(super) fn run(
+        templates: &'a [Templates],
+        own_size: bool,
+        residual: Residual,
+    ) -> (Vec<ParticleFit>, Rejections) {
+        let (found, rejections) = (Vec::new(), Rejections::default());
+        let mut search = Search { templates, own_size, residual, found, rejections };
         for candidate in search.candidates() {
             search.take(candidate);
         }
@@ -132,7 +139,8 @@ impl<'a> Search<'a> {
         {
             return;
         }
-        let fits = (0..self.templates.len()).flat_map(|size| self.fits(size, x, y));
+        let sizes = if self.own_size { size..size + 1 } else { 0..self.templates.len() };
+        let fits = sizes.flat_map(|size| self.fits(size, x, y));
         let is_particle = |fit: &ParticleFit| verdict(fit) == Verdict::Particle;
         // A particle of another size may fit the data better but be much too bright.
         let best = fits.max_by(|a, b| {

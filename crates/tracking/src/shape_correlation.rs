@@ -1,5 +1,5 @@
-//! Depth, axis and, if it is not given, aspect ratio of spheroids by correlation with images of the optical model
-//! (`ncc --shape spheroid`).
+//! Depth and axis of spheroids by correlation with images of the optical model: `ncc --shape spheroid`, and the starts of
+//! `mle --shape spheroid`.
 //!
 //! Templates averaged over all directions of the axis find the particles, as in `ncc`. Each is then correlated with
 //! images at all depths, which are polynomials of the axis (`shape_templates`), so that the correlation is known for every
@@ -9,26 +9,19 @@
 use glam::DVec3;
 use microsig_core::cancel::checkpoint;
 
-use super::denoise::PixelNoise;
+use super::acceptance::{BRIGHTNESS, LEAST_CORRELATION, LEAST_SIGNIFICANCE};
 use super::fit::{Agreement, Residual};
 use super::gray_image::{GrayImage, Spline};
 use super::job::Job;
-use super::locate::{self, Locator};
-use super::mle::{self, OfSpheroids};
 use super::output::Output;
+use super::shape_fit::Pose;
 use super::shape_templates::{FUNCTIONS, ShapeTemplates, axes, functions, mirrored};
-use super::spheroids::{BRIGHTNESS, LEAST_SIGNIFICANCE, TEMPLATE_ERROR};
-use super::{Localization, ShapeEstimate};
+use super::spheroids::Spheroids;
+use super::{AspectRatio, Localization};
 use storage::error::Result;
 
-/// Number of depths of the templates.
-const DEPTHS: usize = 40;
-
 /// Relative error of the images.
-const IMAGE_ERROR: f32 = 0.02;
-
-/// Aspect ratios that are tried if it is not given.
-const ASPECTS: [f64; 4] = [0.25, 0.5, 2.0, 4.0];
+pub(super) const IMAGE_ERROR: f32 = 0.02;
 
 /// Axes that are compared before the best is refined, and the angles of the refinement, rad.
 const AXES: usize = 240;
@@ -44,41 +37,28 @@ const NEAR: usize = 2;
 const FARTHEST: f64 = 1.5;
 const BORDER: usize = 6;
 
-/// Tracks spheroids; `aspect`: polar over equatorial diameter, the best of a few if it is not given.
-pub(super) fn particles(job: &Job, aspect: Option<f64>) -> Result<Output> {
-    let aspects = aspect.map_or(ASPECTS.to_vec(), |aspect| vec![aspect]);
-    let longest = aspects.iter().copied().fold(1.0, f64::max);
-    let OfSpheroids { images, noise } = mle::shape_images(job, longest)?;
-    let all = ShapeTemplates::new(&images, aspects, DEPTHS);
-    let templates = all.averaged(noise);
-    let locator = Locator::new(vec![(templates.clone(), templates)], TEMPLATE_ERROR, noise);
-    job.particles(|frame| in_frame(frame, &all, noise.gain, &locator.find(frame).0, aspect.is_none()))
+/// Tracks spheroids by correlation.
+pub(super) fn particles(job: &Job, aspect: AspectRatio) -> Result<Output> {
+    let spheroids = Spheroids::new(job, aspect)?;
+    job.particles(|frame| spheroids.correlated(frame))
 }
 
-/// The spheroids of a frame near those of the search.
-fn in_frame(
-    frame: &GrayImage,
+/// The spheroids near those of a search: of each, the matches at the maxima over depth, best first.
+pub(super) fn in_frame(
+    mut residual: Residual,
     templates: &ShapeTemplates,
-    gain: f32,
-    coarse: &[Localization],
-    with_aspect: bool,
-) -> Vec<Localization> {
-    let (level, deviation) = frame.background();
-    let mut image = frame.clone();
-    image.counts.iter_mut().for_each(|counts| *counts -= level);
-    let noise = PixelNoise::new(deviation.powi(2), gain);
-    let weight = locate::weights(&image, noise, IMAGE_ERROR);
-    let mut residual = Residual { image, weight };
-    let mut found = Vec::new();
-    for place in coarse {
+    found: &[Localization],
+) -> Vec<Vec<Match>> {
+    let mut all = Vec::new();
+    for place in found {
         let at = [place.x_px - 1.0, place.y_px - 1.0].map(|at| at.round() as isize);
-        let Some(best) = Match::best(&residual, templates, at) else { continue };
-        best.subtract(&mut residual, templates);
-        if best.shape.chi2_reduction > LEAST_SIGNIFICANCE.powi(2) && BRIGHTNESS.contains(&best.brightness) {
-            found.push(best.localization(templates, with_aspect));
+        let matches = Match::all(&residual, templates, at);
+        if matches.first().is_some_and(Match::is_particle) {
+            matches[0].subtract(&mut residual, templates);
+            all.push(matches);
         }
     }
-    found
+    all
 }
 
 /// The shape that agrees best with data at a depth, all by their index.
@@ -154,12 +134,14 @@ impl OverAxes {
 }
 
 /// A particle.
-struct Match {
+pub(super) struct Match {
     shape: Shape,
     /// Pixel from 0, and the distance from its center, px.
     at: [isize; 2],
     beyond: [f64; 2],
     brightness: f64,
+    /// Of the image with the data.
+    pub(super) correlation: f64,
     /// Fraction of a depth step.
     beyond_depth: f64,
 }
@@ -221,11 +203,11 @@ fn over_depth(
 }
 
 impl Match {
-    /// The shape and place that agree best with the residual near a pixel: the best of those at the local maxima over
-    /// depth, on either side of the focus.
-    fn best(residual: &Residual, templates: &ShapeTemplates, at: [isize; 2]) -> Option<Self> {
+    /// The shapes and places that agree best with the residual near a pixel, at the local maxima over depth, on either
+    /// side of the focus; best first.
+    fn all(residual: &Residual, templates: &ShapeTemplates, at: [isize; 2]) -> Vec<Self> {
         let depths = templates.depths_um.len();
-        let radius = (0..depths).map(|depth| templates.radius(depth)).max()? + 1;
+        let radius = (0..depths).map(|depth| templates.radius(depth)).max().unwrap_or(0) + 1;
         let all = over_depth(&around(residual, at, [0.0; 2], radius), templates, 0..depths, None);
         let value = |k: usize| all.get(k).map_or(0.0, |shape| shape.chi2_reduction);
         let is_maximum = |k: &usize| value(*k) >= value(k.wrapping_sub(1)) && value(*k) > value(k + 1);
@@ -235,7 +217,9 @@ impl Match {
         let mirrored = |shape: Shape| Shape { axis: mirrored(shape.axis), ..shape };
         let starts = starts.into_iter().take(STARTS).flat_map(|k| [all[k], mirrored(all[k])]);
         let refined = starts.filter_map(|start| Match::refined(residual, templates, (at, radius), start));
-        refined.max_by(|a, b| a.shape.chi2_reduction.total_cmp(&b.shape.chi2_reduction))
+        let mut refined: Vec<Match> = refined.collect();
+        refined.sort_by(|a, b| b.shape.chi2_reduction.total_cmp(&a.shape.chi2_reduction));
+        refined
     }
 
     /// The best near a shape, in a square of this half width around a pixel.
@@ -277,7 +261,13 @@ impl Match {
         let image = templates.image(shape.depth, shape.aspect, shape.axis);
         let agreement = agreement(&around(residual, at, beyond, radius), &image, [0, 0]);
         let brightness = agreement.is_positive().then(|| agreement.amplitude())?;
-        Some(Match { shape, at, beyond, brightness, beyond_depth })
+        Some(Match { shape, at, beyond, brightness, correlation: agreement.correlation(), beyond_depth })
+    }
+
+    fn is_particle(&self) -> bool {
+        self.shape.chi2_reduction > LEAST_SIGNIFICANCE.powi(2)
+            && self.correlation > LEAST_CORRELATION
+            && BRIGHTNESS.contains(&self.brightness)
     }
 
     fn subtract(&self, residual: &mut Residual, templates: &ShapeTemplates) {
@@ -297,16 +287,16 @@ impl Match {
         }
     }
 
-    fn localization(&self, templates: &ShapeTemplates, with_aspect: bool) -> Localization {
+    pub(super) fn pose(&self, templates: &ShapeTemplates) -> Pose {
         let depths = &templates.depths_um;
         let step_um = depths[1] - depths[0];
-        let [x_px, y_px] = [0, 1].map(|k| self.at[k] as f64 + self.beyond[k] + 1.0);
-        let shape = ShapeEstimate {
-            axis: self.shape.axis,
-            aspect: with_aspect.then_some(templates.aspects[self.shape.aspect]),
-            uncertainty: None,
-        };
         let z_um = depths[self.shape.depth] + self.beyond_depth * step_um;
-        Localization { x_px, y_px, z_um: Some(z_um), shape: Some(shape) }
+        Pose {
+            at: [0, 1].map(|k| self.at[k] as f64 + self.beyond[k]),
+            z_um,
+            axis: self.shape.axis,
+            e_p: templates.aspects[self.shape.aspect],
+            brightness: self.brightness,
+        }
     }
 }

@@ -10,7 +10,7 @@ use super::denoise::PixelNoise;
 use super::gray_image::GrayImage;
 use super::joint_fit::Equations;
 use super::mle::{Detail, ShapeImages};
-use super::spheroids::Pose;
+use super::shape_fit::Pose;
 use super::templates::Templates;
 
 /// Images at these depths, brightness 1, on squares of half width `images.radius()`: what `made` makes of those of each
@@ -48,18 +48,6 @@ fn mean(all: &[Vec<f64>]) -> GrayImage {
     let side = all[0].len().isqrt();
     let pixel = |i: usize| all.iter().map(|image| image[i]).sum::<f64>() / all.len() as f64;
     GrayImage { width: side, height: side, counts: (0..side * side).map(|i| pixel(i) as f32).collect() }
-}
-
-/// Templates at `depths` depths, each the mean over `of_axes` axes and all aspect ratios.
-pub(super) fn averaged(
-    images: &ShapeImages,
-    aspects: &[f64],
-    [depths, of_axes]: [usize; 2],
-    noise: PixelNoise,
-) -> Templates {
-    let (depths_um, axes) = (depths_um(images, depths), axes(of_axes).collect::<Vec<_>>());
-    let means = over_depth(images, &depths_um, (aspects, &axes), |_, all| mean(&all));
-    Templates::new(depths_um, means, noise)
 }
 
 /// Number of functions of the axis: the monomials of degree 6 of its components.
@@ -114,6 +102,26 @@ impl ShapeTemplates {
     /// Their means over axes and aspect ratios, for the search.
     pub(super) fn averaged(&self, noise: PixelNoise) -> Templates {
         Templates::new(self.depths_um.clone(), self.means.clone(), noise)
+    }
+
+    /// Templates over about `depths` depths, of each aspect ratio and each of `n` axes.
+    pub(super) fn over_axes(&self, n: usize, depths: usize, noise: PixelNoise) -> Vec<Templates> {
+        let stride = self.depths_um.len().div_ceil(depths);
+        let chosen: Vec<usize> = (0..self.depths_um.len()).step_by(stride).collect();
+        let largest = self.radii.iter().copied().max().unwrap_or(0);
+        let of_axis = |(aspect, axis): (usize, DVec3)| {
+            let depths_um = chosen.iter().map(|&k| self.depths_um[k]).collect();
+            let image = |&k: &usize| {
+                let (r, counts) = (self.radii[k], self.image(k, aspect, axis));
+                let inner = |at: usize| (at + r).checked_sub(largest).filter(|at| *at <= 2 * r);
+                let pixel = |x, y| Some(counts[inner(y)? * (2 * r + 1) + inner(x)?]);
+                GrayImage::from_fn((2 * largest + 1, 2 * largest + 1), |x, y| pixel(x, y).unwrap_or(0.0))
+            };
+            Templates::new(depths_um, chosen.iter().map(image).collect(), noise)
+        };
+        let all: Vec<(usize, DVec3)> =
+            (0..self.aspects.len()).flat_map(|aspect| axes(n).map(move |axis| (aspect, axis))).collect();
+        all.into_par_iter().map(of_axis).collect()
     }
 
     /// Half width at a depth, px.

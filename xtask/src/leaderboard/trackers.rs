@@ -44,14 +44,14 @@ const OWN: &[Own] = &[
         name: "ncc-spheroid",
         arguments: &["--method", "ncc", "--shape", "spheroid"],
         enters: &["S"],
-        made_for: "rods and discs whose images resemble those of the optical model at some tilt; the aspect ratio is the best of four; default parameters",
+        made_for: "rods and discs whose images resemble those of the optical model at some tilt; their common aspect ratio is measured; default parameters",
         has_depth: true,
     },
     Own {
         name: "mle-spheroid",
         arguments: &["--method", "mle", "--shape", "spheroid"],
         enters: &["S"],
-        made_for: "rods and discs whose images follow the optical model with which they were generated; the aspect ratio is fitted; default parameters",
+        made_for: "rods and discs whose images follow the optical model with which they were generated; their common aspect ratio is measured; default parameters",
         has_depth: true,
     },
     Own {

@@ -10,7 +10,7 @@ use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, warn, written};
 use storage::error::{Error, Result};
 use storage::outside_datasets;
-use tracking::{METHODS, ParticleShape, TrackOptions, track};
+use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, track};
 
 /// Run a baseline tracker
 #[derive(Debug, Args)]
@@ -36,9 +36,10 @@ pub(super) struct Track {
     /// Shape of the particles: of spheroids, ncc and mle also measure the axis
     #[arg(long, value_enum, default_value_t = ShapeChoice::Sphere)]
     shape: ShapeChoice,
-    /// Polar over equatorial diameter of spheroids [default: fitted (mle), 1/4 to 4 (ncc)]
+    /// Polar over equatorial diameter of spheroids: a number; `common`, measured by the clearest particles; or `each`
+    /// particle its own [default: common]
     #[arg(long, value_name = "RATIO")]
-    aspect_ratio: Option<f64>,
+    aspect_ratio: Option<AspectRatio>,
     /// Standard deviation of the noise in x and y (truth-noise)
     #[arg(long, value_name = "PX", default_value_t = TrackOptions::NOISE_PX)]
     noise_xy: f64,
@@ -101,7 +102,9 @@ impl Track {
                 ensemble: self.ensemble,
                 shape: match self.shape {
                     ShapeChoice::Sphere => ParticleShape::Sphere,
-                    ShapeChoice::Spheroid => ParticleShape::Spheroid { aspect: self.aspect_ratio },
+                    ShapeChoice::Spheroid => {
+                        ParticleShape::Spheroid { aspect: self.aspect_ratio.unwrap_or(AspectRatio::Common) }
+                    }
                 },
                 seed: self.random.seed.unwrap_or(0),
                 force: self.replace.force,
