@@ -5,7 +5,7 @@
 use fit::{Level, Scan};
 use rayon::prelude::*;
 use storage::error::{Error, Result};
-use tracking::GrayImage;
+use tracking::{GrayImage, weighted_median};
 
 /// Standard deviations of the Gaussian filters whose difference is the band-pass filter, px.
 const NARROW_PX: f32 = 1.2;
@@ -65,7 +65,9 @@ impl Located {
         let mut found = maxima(&map, level + ABOVE_NOISE * noise.max(f32::MIN_POSITIVE));
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         let z_um = |at: &[f64; 2]| levels[sharpest[at[1] as usize * size.0 + at[0] as usize].1].z_um;
-        if let Some(plane_um) = median_depth(found.iter().map(|(value, at)| (z_um(at), *value))) {
+        if let Some(plane_um) =
+            weighted_median(found.iter().map(|(value, at)| (z_um(at), f64::from(*value))).collect())
+        {
             let range_um = levels[levels.len() - 1].z_um - levels[0].z_um;
             found.retain(|(_, at)| (z_um(at) - plane_um).abs() <= OF_DEPTHS * range_um);
         }
@@ -86,19 +88,6 @@ impl Located {
             background_noise: median(|b| b.1),
         })
     }
-}
-
-/// Median of depths with weights.
-fn median_depth(depths: impl Iterator<Item = (f64, f32)>) -> Option<f64> {
-    let mut sorted: Vec<(f64, f32)> = depths.collect();
-    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * sorted.iter().map(|(_, weight)| weight).sum::<f32>();
-    let mut sum = 0.0;
-    let reaches = |(_, weight): &&(f64, f32)| {
-        sum += weight;
-        sum >= half
-    };
-    sorted.iter().find(reaches).map(|(z_um, _)| *z_um)
 }
 
 /// Local maxima above a threshold, with their values.

@@ -14,6 +14,11 @@ pub struct GrayImage {
 }
 
 impl GrayImage {
+    /// Whether a point, relative to the center of the first pixel, lies on a pixel.
+    pub(super) fn contains(&self, at: [f64; 2]) -> bool {
+        at.iter().zip([self.width, self.height]).all(|(c, n)| (-0.5..n as f64 - 0.5).contains(c))
+    }
+
     /// The image whose pixel at column `x` and row `y` is `count(x, y)`.
     pub fn from_fn((width, height): (usize, usize), count: impl Fn(usize, usize) -> f32) -> Self {
         let counts = (0..width * height).map(|i| count(i % width, i / width)).collect();

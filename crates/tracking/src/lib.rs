@@ -41,6 +41,7 @@ mod templates;
 
 pub use calibration::check as check_calibration;
 pub use gray_image::{GrayImage, Spline};
+pub use spheroids::weighted_median;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -6,7 +6,7 @@ use super::Localization;
 use super::acceptance::Rejections;
 use super::denoise::PixelNoise;
 use super::field_images::FieldPlaces;
-use super::fit::Residual;
+use super::fit::{ParticleFit, Residual};
 use super::gray_image::GrayImage;
 use super::images::ParticleImages;
 use super::job::Job;
@@ -24,30 +24,70 @@ const SEARCH_RADIUS: usize = 40;
 /// Relative error assigned to templates during the search, when overlapping particles are not yet separated.
 const ROUGH_ERROR: f32 = 0.1;
 
+/// The search in a frame, binned if the templates are large.
+pub(super) struct Coarse {
+    /// Binned templates, of each size, at each place of the field of view.
+    templates: Vec<Vec<Templates>>,
+    /// These places, if there are several.
+    places: Option<FieldPlaces>,
+    /// Whether a candidate is compared with templates of its own size alone, of many similar ones.
+    own_size: bool,
+    /// Side of a binned pixel, px.
+    bin: usize,
+    /// Noise of a frame.
+    noise: PixelNoise,
+}
+
+/// What a search found: background and noise of the frame, particles with positions on it, rejected candidates.
+pub(super) struct Found {
+    pub(super) level: f32,
+    pub(super) noise: PixelNoise,
+    pub(super) particles: Vec<ParticleFit>,
+    pub(super) rejections: Rejections,
+}
+
 /// Localizes particles with known images.
 pub(super) struct Locator<I> {
     /// Images for the final fit, of each size of particles.
     images: Vec<I>,
     /// Relative error of the images.
     error: f32,
-    /// Binned templates for the search, of each size, at each place of the field of view.
-    coarse: Vec<Vec<Templates>>,
-    /// These places, if there are several.
-    places: Option<FieldPlaces>,
-    /// Side of a binned pixel, px.
-    bin: usize,
-    /// Whether the sizes are many similar shapes.
-    shapes: bool,
-    /// Noise of a frame.
-    noise: PixelNoise,
+    coarse: Coarse,
     step_um: f64,
 }
 
-impl Locator<Templates> {
-    /// With templates of particles of several shapes.
-    pub(super) fn of_shapes(templates: Vec<Templates>, error: f32, noise: PixelNoise) -> Self {
-        let both = templates.into_iter().map(|of_shape| (of_shape.clone(), of_shape)).collect();
-        Locator { shapes: true, ..Locator::new(both, error, noise) }
+impl Coarse {
+    fn new(templates: &[Vec<Templates>], places: Option<FieldPlaces>, noise: PixelNoise) -> Self {
+        let all = templates.iter().flatten();
+        let radii = all.flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius));
+        let largest = radii.max().unwrap_or(0);
+        // Odd, so that the particle stays at the center of a pixel.
+        let bin = largest.div_ceil(SEARCH_RADIUS).max(1) / 2 * 2 + 1;
+        let binned =
+            |of_place: &Vec<Templates>| of_place.iter().map(|of_size| of_size.binned(bin, noise)).collect();
+        Coarse { templates: templates.iter().map(binned).collect(), places, own_size: false, bin, noise }
+    }
+
+    /// With templates of many shapes of a particle.
+    pub(super) fn of_shapes(templates: Vec<Templates>, noise: PixelNoise) -> Self {
+        Coarse { own_size: true, ..Coarse::new(&[templates], None, noise) }
+    }
+
+    pub(super) fn find(&self, image: &GrayImage) -> Found {
+        let (level, deviation) = image.background();
+        let noise = PixelNoise::new(deviation.powi(2), self.noise.gain);
+        let mut binned = image.binned(self.bin);
+        binned.counts.iter_mut().for_each(|c| *c -= level);
+        let weight = weights(&binned, noise.binned(self.bin), ROUGH_ERROR);
+        let residual = Residual { image: binned, weight };
+        let (mut particles, rejections) = match &self.places {
+            None => Search::run(&self.templates[0], self.own_size, residual),
+            Some(places) => regions::search(&self.templates, places, &residual, self.bin),
+        };
+        for fit in &mut particles {
+            fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
+        }
+        Found { level, noise, particles, rejections }
     }
 }
 
@@ -56,7 +96,7 @@ impl<I: ParticleImages> Locator<I> {
     /// a frame.
     pub(super) fn new(sizes: Vec<(Templates, I)>, error: f32, noise: PixelNoise) -> Self {
         let (templates, images): (Vec<Templates>, Vec<I>) = sizes.into_iter().unzip();
-        Locator::searching(vec![templates], None, images, error, noise)
+        Locator::searching(&[templates], None, images, error, noise)
     }
 
     /// For each place of the field of view, templates of each size for the search nearby; and images of each
@@ -69,40 +109,25 @@ impl<I: ParticleImages> Locator<I> {
         noise: PixelNoise,
     ) -> Self {
         let places = (templates.len() > 1).then_some(places);
-        Locator::searching(templates, places, images, error, noise)
+        Locator::searching(&templates, places, images, error, noise)
     }
 
     fn searching(
-        templates: Vec<Vec<Templates>>,
+        templates: &[Vec<Templates>],
         places: Option<FieldPlaces>,
         images: Vec<I>,
         error: f32,
         noise: PixelNoise,
     ) -> Self {
-        let all = || templates.iter().flatten();
-        let radii = all().flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius));
-        let largest = radii.max().unwrap_or(0);
-        // Odd, so that the particle stays at the center of a pixel.
-        let bin = largest.div_ceil(SEARCH_RADIUS).max(1) / 2 * 2 + 1;
-        Locator {
-            images,
-            error,
-            coarse: templates
-                .iter()
-                .map(|of_place| of_place.iter().map(|of_size| of_size.binned(bin, noise)).collect())
-                .collect(),
-            places,
-            bin,
-            shapes: false,
-            noise,
-            step_um: all().map(Templates::step_um).fold(f64::INFINITY, f64::min),
-        }
+        let step_um = templates.iter().flatten().map(Templates::step_um).fold(f64::INFINITY, f64::min);
+        Locator { images, error, coarse: Coarse::new(templates, places, noise), step_um }
     }
 
     /// Localizes and links the particles of a recording.
     pub(super) fn particles(&self, job: &Job) -> Result<Output> {
-        let (of_middle, noise) = (&self.coarse[self.coarse.len() / 2], self.noise.binned(self.bin));
-        of_middle
+        let Coarse { templates, noise, bin, .. } = &self.coarse;
+        let noise = noise.binned(*bin);
+        templates[templates.len() / 2]
             .iter()
             .filter_map(|of_size| sides::warning(of_size, noise, self.error))
             .for_each(|text| job.warn(text));
@@ -120,37 +145,18 @@ impl<I: ParticleImages> Locator<I> {
 
     /// Localizes the particles of an image and counts the rejected candidates.
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
-        let (level, deviation) = image.background();
-        let noise = PixelNoise::new(deviation.powi(2), self.noise.gain);
-        let mut coarse = image.binned(self.bin);
-        coarse.counts.iter_mut().for_each(|c| *c -= level);
-        let weight = weights(&coarse, noise.binned(self.bin), ROUGH_ERROR);
-        let residual = Residual { image: coarse, weight };
-        let (mut found, rejections) = match &self.places {
-            None => Search::run(&self.coarse[0], self.shapes, residual),
-            Some(places) => regions::search(&self.coarse, places, &residual, self.bin),
+        let Found { level, noise, particles, rejections } = self.coarse.find(image);
+        let images = self.images.iter().map(|of_size| of_size as &dyn ParticleImages).collect();
+        let model = Model { images, noise, error: self.error, step_um: self.step_um };
+        // Without particles beyond the image, whose light may reach it.
+        let found = fit_all(image, level, &model, particles).into_iter().filter(|fit| image.contains(fit.at));
+        let localization = |fit: ParticleFit| Localization {
+            x_px: fit.at[0] + 1.0,
+            y_px: fit.at[1] + 1.0,
+            z_um: Some(fit.z_um),
+            shape: None,
         };
-        for fit in &mut found {
-            fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
-        }
-        // Those of shapes are fitted by their own images, in place of the few of the search.
-        if !self.shapes {
-            let images = self.images.iter().map(|of_size| of_size as &dyn ParticleImages).collect();
-            let model = Model { images, noise, error: self.error, step_um: self.step_um };
-            found = fit_all(image, level, &model, found);
-        }
-        // Drop particles outside the image, whose light may reach it.
-        let size = [image.width, image.height].map(|n| n as f64);
-        let inside = found
-            .iter()
-            .filter(|fit| fit.at.iter().zip(size).all(|(c, n)| (-0.5..n - 0.5).contains(c)))
-            .map(|fit| Localization {
-                x_px: fit.at[0] + 1.0,
-                y_px: fit.at[1] + 1.0,
-                z_um: Some(fit.z_um),
-                shape: None,
-            });
-        (inside.collect(), rejections)
+        (found.map(localization).collect(), rejections)
     }
 }
 

@@ -9,6 +9,7 @@
 use glam::DVec3;
 use microsig_core::cancel::checkpoint;
 
+use super::AspectRatio;
 use super::acceptance::{BRIGHTNESS, LEAST_CORRELATION, LEAST_SIGNIFICANCE};
 use super::fit::{Agreement, Residual};
 use super::gray_image::{GrayImage, Spline};
@@ -17,7 +18,6 @@ use super::output::Output;
 use super::shape_fit::Pose;
 use super::shape_templates::{FUNCTIONS, ShapeTemplates, axes, functions, mirrored};
 use super::spheroids::Spheroids;
-use super::{AspectRatio, Localization};
 use storage::error::Result;
 
 /// Relative error of the images.
@@ -47,12 +47,11 @@ pub(super) fn particles(job: &Job, aspect: AspectRatio) -> Result<Output> {
 pub(super) fn in_frame(
     mut residual: Residual,
     templates: &ShapeTemplates,
-    found: &[Localization],
+    places: impl Iterator<Item = [f64; 2]>,
 ) -> Vec<Vec<Match>> {
     let mut all = Vec::new();
-    for place in found {
-        let at = [place.x_px - 1.0, place.y_px - 1.0].map(|at| at.round() as isize);
-        let matches = Match::all(&residual, templates, at);
+    for place in places {
+        let matches = Match::all(&residual, templates, place.map(|at| at.round() as isize));
         if matches.first().is_some_and(Match::is_particle) {
             matches[0].subtract(&mut residual, templates);
             all.push(matches);

@@ -11,10 +11,10 @@ use microsig_core::cancel::checkpoint;
 use super::ParticleShape;
 use super::acceptance::{BRIGHTNESS, LEAST_SIGNIFICANCE};
 use super::denoise::PixelNoise;
+use super::gray_image::GrayImage;
 use super::joint_fit::Equations;
 use super::mle::{Detail, ShapeImages};
 use super::shape_templates::{angle, mirrored};
-use super::templates::Templates;
 
 /// Axes closer than this are the same start, or the same result, rad.
 const SAME_AXIS: f64 = 0.35;
@@ -98,10 +98,10 @@ pub(super) struct Opposite {
 }
 
 impl Opposite {
-    pub(super) fn new(templates: &Templates) -> Self {
-        let n = templates.len();
+    pub(super) fn new(depths_um: Vec<f64>, averaged: &[GrayImage]) -> Self {
+        let n = averaged.len();
         let product = |j: usize, k: usize| -> f64 {
-            let pixels = templates.image(j).counts.iter().zip(&templates.image(k).counts);
+            let pixels = averaged[j].counts.iter().zip(&averaged[k].counts);
             pixels.map(|(a, b)| f64::from(a * b)).sum()
         };
         let own: Vec<f64> = (0..n).map(|k| product(k, k)).collect();
@@ -109,9 +109,8 @@ impl Opposite {
             let alike: Vec<f64> = (0..n).map(|j| product(j, k) / (own[j] * own[k]).sqrt()).collect();
             let lowest = |j: usize| alike[j.min(k)..=j.max(k)].iter().copied().fold(1.0, f64::min);
             let others = (0..n).filter(|&j| alike[j] > ALIKE && lowest(j) < alike[j] - FALL);
-            others.max_by(|&a, &b| alike[a].total_cmp(&alike[b])).map(|j| templates.depth_um(j))
+            others.max_by(|&a, &b| alike[a].total_cmp(&alike[b])).map(|j| depths_um[j])
         };
-        let depths_um: Vec<f64> = (0..n).map(|k| templates.depth_um(k)).collect();
         let other_um: Vec<Option<f64>> = (0..n).map(other).collect();
         let pairs = depths_um.iter().zip(&other_um).filter_map(|(z, other)| other.map(|other| [*z, other]));
         let closest = pairs.min_by(|a, b| (a[1] - a[0]).abs().total_cmp(&(b[1] - b[0]).abs()));
@@ -528,7 +527,6 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use super::super::gray_image::GrayImage;
     use super::*;
 
     /// Images that are symmetric about focus at 1 um: the depth with the same image on the other side is found to within
@@ -544,8 +542,8 @@ mod tests {
                 (0..side * side).map(|i| (-0.5 * r2(i) as f64 / (sigma * sigma)).exp() as f32 / sigma as f32);
             GrayImage { width: side, height: side, counts: counts.collect() }
         };
-        let images = depths_um.iter().map(image).collect();
-        let opposite = Opposite::new(&Templates::new(depths_um, images, PixelNoise::new(1.0, 0.0)));
+        let images: Vec<GrayImage> = depths_um.iter().map(image).collect();
+        let opposite = Opposite::new(depths_um, &images);
         for z_um in [1.1, 1.4, 0.3, 5.0, -7.0, 9.5] {
             let other = opposite.of(z_um).unwrap();
             assert!((other - (2.0 - z_um)).abs() < 0.6, "{z_um}: {other}");

@@ -78,8 +78,8 @@ pub(super) struct ShapeTemplates {
     radii: Vec<usize>,
     /// For each depth and aspect ratio, [`FUNCTIONS`] images: the coefficients.
     coefficients: Vec<Vec<Vec<Vec<f32>>>>,
-    /// For each depth, the mean image, on squares of the same side.
-    means: Vec<GrayImage>,
+    /// For each depth, the mean image over axes and aspect ratios, on squares of the same side.
+    pub(super) means: Vec<GrayImage>,
 }
 
 impl ShapeTemplates {
@@ -97,11 +97,6 @@ impl ShapeTemplates {
         let radii = depths_um.iter().map(|z_um| images.radius_at(*z_um)).collect();
         let (coefficients, means) = made.into_iter().unzip();
         ShapeTemplates { depths_um, aspects, radii, coefficients, means }
-    }
-
-    /// Their means over axes and aspect ratios, for the search.
-    pub(super) fn averaged(&self, noise: PixelNoise) -> Templates {
-        Templates::new(self.depths_um.clone(), self.means.clone(), noise)
     }
 
     /// Templates over about `depths` depths, of each aspect ratio and each of `n` axes.

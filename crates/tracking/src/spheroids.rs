@@ -13,23 +13,21 @@ use super::denoise::PixelNoise;
 use super::fit::Residual;
 use super::gray_image::GrayImage;
 use super::job::Job;
-use super::locate::{self, Locator};
+use super::locate::{self, Coarse};
 use super::mle::{self, OfSpheroids, ShapeImages};
 use super::output::Output;
 use super::shape_correlation::{self, Match};
 use super::shape_fit::{Fit, Fitted, Opposite, Pose, Uncertainty, is_particle};
 use super::shape_templates::{ShapeTemplates, angle};
-use super::templates::Templates;
 use super::{AspectRatio, Localization, ParticleShape, ShapeEstimate, ShapeUncertainty};
 use storage::error::Result;
 
 /// Number of depths of the templates.
 const DEPTHS: usize = 40;
 
-/// Templates of the search: number of axes and of depths, and their relative error.
+/// Templates of the search: number of axes and of depths.
 const AXES_OF_SEARCH: usize = 12;
 const DEPTHS_OF_SEARCH: usize = 13;
-const TEMPLATE_ERROR: f32 = 0.15;
 
 /// Aspect ratios of templates if it is not known.
 const ASPECTS: [f64; 4] = [0.25, 0.5, 2.0, 4.0];
@@ -54,12 +52,19 @@ enum Known {
     No,
 }
 
+/// The particles of a frame by correlation: correlation coefficients and poses, of each the best matches, best first; the
+/// frame without its background; and what fits in it have in common.
+struct Matched<'a> {
+    particles: Vec<(f64, Vec<Pose>)>,
+    counts: Vec<f32>,
+    fit: Fit<'a>,
+}
+
 /// The particles of a recording.
 pub(super) struct Spheroids {
     images: ShapeImages,
     templates: ShapeTemplates,
-    locator: Locator<Templates>,
-    noise: PixelNoise,
+    coarse: Coarse,
     opposite: Opposite,
     known: Known,
 }
@@ -94,20 +99,27 @@ impl Spheroids {
 
     fn with(images: ShapeImages, aspects: Vec<f64>, noise: PixelNoise, known: Known) -> Self {
         let templates = ShapeTemplates::new(&images, aspects, DEPTHS);
-        let opposite = Opposite::new(&templates.averaged(noise));
-        let over_axes = templates.over_axes(AXES_OF_SEARCH, DEPTHS_OF_SEARCH, noise);
-        let locator = Locator::of_shapes(over_axes, TEMPLATE_ERROR, noise);
-        Spheroids { images, templates, locator, noise, opposite, known }
+        let opposite = Opposite::new(templates.depths_um.clone(), &templates.means);
+        let coarse = Coarse::of_shapes(templates.over_axes(AXES_OF_SEARCH, DEPTHS_OF_SEARCH, noise), noise);
+        Spheroids { images, templates, coarse, opposite, known }
     }
 
-    /// The particles of a frame by correlation: correlation coefficients and poses, of each the best matches, best first.
-    fn matches(&self, frame: &GrayImage) -> Vec<(f64, Vec<Pose>)> {
-        let found = self.locator.find(frame).0;
-        let (fit, counts) = self.fit(frame);
-        let image = GrayImage { counts, ..*frame };
-        let weight = locate::weights(&image, fit.noise, shape_correlation::IMAGE_ERROR);
-        let all = shape_correlation::in_frame(Residual { image, weight }, &self.templates, &found);
-        all.iter().map(|of| (of[0].correlation, self.poses(of))).collect()
+    /// The particles of a frame by correlation.
+    fn matched(&self, frame: &GrayImage) -> Matched<'_> {
+        let found = self.coarse.find(frame);
+        let counts: Vec<f32> = frame.counts.iter().map(|counts| counts - found.level).collect();
+        let image = GrayImage { counts: counts.clone(), ..*frame };
+        let weight = locate::weights(&image, found.noise, shape_correlation::IMAGE_ERROR);
+        let places = found.particles.iter().map(|fit| fit.at).filter(|at| frame.contains(*at));
+        let all = shape_correlation::in_frame(Residual { image, weight }, &self.templates, places);
+        let particles = all.iter().map(|of| (of[0].correlation, self.poses(of))).collect();
+        let aspect = match self.known {
+            Known::Given(aspect) | Known::Measured(aspect, _) => Some(aspect),
+            Known::No => None,
+        };
+        let (images, opposite, noise) = (&self.images, &self.opposite, found.noise);
+        let size = [frame.width as isize, frame.height as isize];
+        Matched { particles, counts, fit: Fit { images, opposite, aspect, noise, size } }
     }
 
     fn poses(&self, matches: &[Match]) -> Vec<Pose> {
@@ -121,23 +133,6 @@ impl Spheroids {
             Known::Measured(aspect, deviation) => Some((aspect, deviation)),
             Known::No => Some((own, deviation)),
         }
-    }
-
-    /// The fit of a frame, and the frame without its background.
-    fn fit(&self, frame: &GrayImage) -> (Fit<'_>, Vec<f32>) {
-        let (level, deviation) = frame.background();
-        let aspect = match self.known {
-            Known::Given(aspect) | Known::Measured(aspect, _) => Some(aspect),
-            Known::No => None,
-        };
-        let fit = Fit {
-            images: &self.images,
-            opposite: &self.opposite,
-            aspect,
-            noise: PixelNoise::new(deviation.powi(2), self.noise.gain),
-            size: [frame.width as isize, frame.height as isize],
-        };
-        (fit, frame.counts.iter().map(|counts| counts - level).collect())
     }
 
     /// Median of the aspect ratios of particles that are fitted well, its standard deviation, and their number.
@@ -171,8 +166,7 @@ impl Spheroids {
 
     /// Fits of the `most` particles of a frame that correlate best.
     fn clearest(&self, frame: &GrayImage, most: usize) -> Vec<Fitted> {
-        let (fit, mut residual) = self.fit(frame);
-        let mut particles = self.matches(frame);
+        let Matched { fit, counts: mut residual, mut particles } = self.matched(frame);
         particles.sort_by(|a, b| b.0.total_cmp(&a.0));
         particles.iter().for_each(|(_, of)| fit.add(&mut residual, &of[0], -1.0));
         let fitted = particles.iter().take(most).filter_map(|(_, starts)| {
@@ -192,14 +186,13 @@ impl Spheroids {
             let shape = Some(ShapeEstimate { axis, aspect, uncertainty: None });
             Localization { x_px: at[0] + 1.0, y_px: at[1] + 1.0, z_um: Some(z_um), shape }
         };
-        self.matches(frame).into_iter().map(|(_, starts)| of_particle(starts)).collect()
+        self.matched(frame).particles.into_iter().map(|(_, starts)| of_particle(starts)).collect()
     }
 
     /// The particles of a frame by maximum likelihood.
     fn fitted(&self, frame: &GrayImage) -> Vec<Localization> {
-        let (fit, mut residual) = self.fit(frame);
-        let matches: Vec<Vec<Pose>> = self.matches(frame).into_iter().map(|(_, matches)| matches).collect();
-        let drafts = drafts(&fit, &mut residual, &matches);
+        let Matched { fit, counts: mut residual, particles } = self.matched(frame);
+        let drafts = drafts(&fit, &mut residual, &particles);
         let mut found = Vec::new();
         for draft in drafts {
             fit.add(&mut residual, &draft, 1.0);
@@ -211,8 +204,7 @@ impl Spheroids {
         settle(&fit, &mut residual, &mut found);
         let inside = |found: &&Fitted| {
             let pose = found.pose();
-            (0..2).all(|axis| (-0.5..fit.size[axis] as f64 - 0.5).contains(&pose.at[axis]))
-                && is_particle(found.chi2_reduction, pose.brightness)
+            frame.contains(pose.at) && is_particle(found.chi2_reduction, pose.brightness)
         };
         found.iter().filter(inside).filter_map(|found| self.localization(found)).collect()
     }
@@ -248,10 +240,10 @@ pub(super) fn particles(job: &Job, aspect: AspectRatio) -> Result<Output> {
 
 /// Fits by drafts of the images, subtracted from the residual, without the ghosts: light that the matches left beside a
 /// particle fades as that is fitted.
-fn drafts(fit: &Fit, residual: &mut [f32], matches: &[Vec<Pose>]) -> Vec<Pose> {
-    matches.iter().for_each(|of| fit.add(residual, &of[0], -1.0));
+fn drafts(fit: &Fit, residual: &mut [f32], particles: &[(f64, Vec<Pose>)]) -> Vec<Pose> {
+    particles.iter().for_each(|(_, of)| fit.add(residual, &of[0], -1.0));
     let mut drafts = Vec::new();
-    for starts in matches {
+    for (_, starts) in particles {
         fit.add(residual, &starts[0], 1.0);
         let draft = fit.draft(residual, starts);
         if let Some(draft) = draft.filter(|draft| fit.is_particle(residual, draft)) {
@@ -293,7 +285,7 @@ fn longest(aspects: &[f64]) -> f64 {
 }
 
 /// Median of values with weights; `None` without any.
-fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
+pub fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
     let mut sum = 0.0;
