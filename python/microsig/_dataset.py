@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import tempfile
 from collections.abc import Mapping
@@ -94,7 +93,7 @@ class _Source(Protocol):
     def frames(self) -> int: ...
     def table(self, path: str) -> Table | None: ...
     def calibration(self) -> Calibration | None: ...
-    def scenario(self) -> tuple[str, str]: ...
+    def scenario(self) -> tuple[dict[str, Any], str]: ...
     def settings(self) -> dict[str, float]: ...
     def facts(self) -> tuple[float, tuple[float, float], float, int]: ...
     def title(self) -> str: ...
@@ -144,7 +143,7 @@ class _Memory:
         table = _table(found[0])
         return Calibration(_fixed(found[1]), table["z_um"], table, table["d_um"] if "d_um" in table else None)
 
-    def scenario(self) -> tuple[str, str]:
+    def scenario(self) -> tuple[dict[str, Any], str]:
         return self.made.scenario()
 
     def settings(self) -> dict[str, float]:
@@ -154,7 +153,7 @@ class _Memory:
         return self.made.facts()
 
     def title(self) -> str:
-        return str(json.loads(self.scenario()[0])["name"])
+        return str(self.scenario()[0]["name"])
 
     def warnings(self) -> list[str]:
         return self.made.warnings()
@@ -184,7 +183,7 @@ class _Folder:
         self._folder = folder
         if not folder.exists():
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder))
-        self.manifest: dict[str, Any] = json.loads(_microsig.manifest(folder))
+        self.manifest = _microsig.manifest(folder)
         self.resources = {resource["path"]: resource for resource in self.manifest.get("resources", [])}
         sensor = self.manifest["microsig"].get("sensor")
         if sensor is None:
@@ -247,7 +246,7 @@ class _Folder:
         images = _microsig.read_images(paths, *size)
         return Calibration(_fixed(images), table["z_um"], table, table["d_um"] if "d_um" in table else None)
 
-    def scenario(self) -> tuple[str, str]:
+    def scenario(self) -> tuple[dict[str, Any], str]:
         return _microsig.scenario_of(self._folder)[:2]
 
     def settings(self) -> dict[str, float]:
@@ -364,8 +363,7 @@ class Dataset:
         Files that it refers to have absolute paths: for a dataset in memory, those of the original files; for a dataset in a
         folder, those of the copies in it. The files must exist as long as the scenario is used.
         """
-        scenario: dict[str, Any] = json.loads(self._source.scenario()[0])
-        return scenario
+        return self._source.scenario()[0]
 
     @property
     def scenario_text(self) -> str:
@@ -545,8 +543,7 @@ def resolve(
 
     Arguments and errors are those of :func:`generate`.
     """
-    resolved: dict[str, Any] = json.loads(_microsig.resolve(_scenario.text(scenario, seed, set))[0])
-    return resolved
+    return _microsig.resolve(_scenario.text(scenario, seed, set))[0]
 
 
 def set_threads(threads: int) -> None:

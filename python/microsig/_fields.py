@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -46,7 +45,7 @@ class Field:
     def __init__(self, compiled: _microsig.FlowField) -> None:
         """Use :func:`field`."""
         self._field = compiled
-        self._spec: dict[str, Any] = json.loads(compiled.scenario())["motion"]["flow"]["field"]
+        self._spec: dict[str, Any] = compiled.scenario()["motion"]["flow"]["field"]
 
     def velocity(self, points_um: ArrayLike, t_s: float = 0.0) -> NDArray[np.float64]:
         """Velocities at the given points and time.

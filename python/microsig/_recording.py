@@ -72,18 +72,21 @@ def import_recording(
     """
     if (magnification is None) != (pixel_size_um is None):
         raise ValueError("magnification and pixel_size_um: expected both or neither")
+    ranges = _microsig.IMPORT_RANGES
+    _, farthest_um = ranges["z_step_um"]
     um_per_px = None
     if magnification is not None and pixel_size_um is not None:
-        um_per_px = real("pixel_size_um", pixel_size_um, 0.05, 1000) / real("magnification", magnification, 0.01, 1000)
+        magnification = real("magnification", magnification, *ranges["magnification"])
+        um_per_px = real("pixel_size_um", pixel_size_um, *ranges["pixel_size_um"]) / magnification
     how = {
         "images": _paths(images),
         "scan": Path(scan),
         "z": _path(z),
-        "z_step_um": None if z_step_um is None else real("z_step_um", z_step_um, -1e4, 1e4),
+        "z_step_um": None if z_step_um is None else real("z_step_um", z_step_um, -farthest_um, farthest_um),
         "z_toward": flag("z_toward", z_toward),
         "optics": _path(optics),
         "um_per_px": um_per_px,
-        "dt_s": None if dt_s is None else real("dt_s", dt_s, 1e-9, 1e6),
+        "dt_s": None if dt_s is None else real("dt_s", dt_s, *ranges["dt_s"]),
         "pairs": flag("pairs", pairs),
         "pages_per_time": None if pages_per_time is None else whole("pages_per_time", pages_per_time, 1, 2**31),
         "page": None if page is None else whole("page", page, 0, 2**31),

@@ -284,11 +284,12 @@ def track(
     :raises TypeError: an option of another kind
     """
     method = one_of("method", method, tuple(methods()))
+    ranges = _microsig.TRACK_RANGES
     options = (
-        real("max_displacement_px", max_displacement_px, 0.001, 1e5),
-        real("diameter_px", diameter_px, 0.5, 1e3),
-        real("noise_px", noise_px, 0, 1e3),
-        real("noise_um", noise_um, 0, 1e3),
+        real("max_displacement_px", max_displacement_px, *ranges["max_displacement_px"]),
+        real("diameter_px", diameter_px, *ranges["diameter_px"]),
+        real("noise_px", noise_px, *ranges["noise_px"]),
+        real("noise_um", noise_um, *ranges["noise_um"]),
         flag("ensemble", ensemble),
         one_of("shape", shape, ("sphere", "spheroid")) == "spheroid",
         _aspect(aspect_ratio),
@@ -305,7 +306,7 @@ def track(
 def _aspect(ratio: object) -> float | str:
     if ratio is None or isinstance(ratio, str):
         return one_of("aspect_ratio", "common" if ratio is None else ratio, ("common", "each"))
-    return real("aspect_ratio", ratio, 0.1, 10)
+    return real("aspect_ratio", ratio, *_microsig.TRACK_RANGES["aspect_ratio"])
 
 
 class Comparison:
@@ -350,7 +351,7 @@ def compare(scores: Mapping[str, Scores]) -> Comparison:
     if not scores:
         raise ValueError(f"scores = {{}}: {allowed}, at least one")
     entries, warnings, text = _microsig.compare([(name, score.json, score._units) for name, score in scores.items()])
-    return Comparison(json.loads(entries), warnings, text)
+    return Comparison(entries, warnings, text)
 
 
 def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tuple[dict[str, Any], Dataset]]:

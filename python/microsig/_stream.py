@@ -185,7 +185,7 @@ class Stream:
             if one_of("crop_at", crop_at, ("center", "random")) == "random":
                 window = (rows, columns)
             else:
-                optics = json.loads(_microsig.resolve(_scenario.text(scenario, None, values))[0])["optics"]
+                optics = _microsig.resolve(_scenario.text(scenario, None, values))[0]["optics"]
                 if rows > optics["pixel_dim_y"] or columns > optics["pixel_dim_x"]:
                     raise ValueError(
                         f"crop = {crop}: expected at most the rows and columns of the scenario's images, "
@@ -307,8 +307,7 @@ class Stream:
     def scenario(self, index: int) -> dict[str, Any]:
         """The scenario of a sample with all defaults written out; the dataset generated from it starts with the sample."""
         self._start()
-        scenario: dict[str, Any] = json.loads(self._samples.scenario(whole("sample", index))[0])
-        return scenario
+        return self._samples.scenario(whole("sample", index))[0]
 
     @property
     def fingerprint(self) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import os
 import tempfile
 import warnings
@@ -56,7 +55,7 @@ class Options:
             raise ValueError("\n".join(failed))
         for warning in [*warned, *failed]:
             warnings.warn(self._in_python(warning), stacklevel=3)
-        return (json.loads(result) if result else None), text
+        return result, text
 
     def _in_python(self, message: str) -> str:
         """A message with the names of arguments in place of options, the longest first."""
@@ -310,7 +309,7 @@ def optics(scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] |
     result, text, svg, warned = _microsig.optics(_scenario.text(scenario, seed, set))
     for warning in warned:
         warnings.warn(warning, stacklevel=2)
-    return Optics(json.loads(result), text, svg)
+    return Optics(result, text, svg)
 
 
 def _folder(dataset: Dataset | _Path) -> Path:

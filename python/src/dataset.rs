@@ -18,6 +18,7 @@ use scenario::{self, Scenario};
 use serde_json::Value;
 
 use crate::columns::{arrays, table};
+use crate::object::Object;
 use crate::run::{OnInterrupt, Show, raise, run};
 
 /// A table: its path in a dataset, what a row is, units and meanings by column, values by column.
@@ -107,9 +108,9 @@ impl Made {
         Ok(Some((table(py, &of, columns)?, stack(py, counts, (images.len(), size.0, size.1))?)))
     }
 
-    /// The scenario, every default written out, as [`texts`] gives it.
-    fn scenario(&self) -> PyResult<(String, String)> {
-        texts(self.0.scenario()).map_err(raise)
+    /// The scenario, every default written out, as [`written`] gives it.
+    fn scenario(&self) -> PyResult<(Object, String)> {
+        written(self.0.scenario()).map_err(raise)
     }
 
     /// MicroSIG's settings by name.
@@ -177,23 +178,22 @@ impl Made {
     }
 }
 
-/// A scenario, every default written out, as [`texts`] gives it, and its warnings.
+/// A scenario, every default written out, as [`written`] gives it, and its warnings.
 #[pyfunction]
-fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(String, String, Vec<String>)> {
+fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(Object, String, Vec<String>)> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let scenario = text.resolve()?;
-        let (json, ron) = texts(&scenario)?;
-        Ok((json, ron, scenario.warnings))
+        let (spec, ron) = written(&scenario)?;
+        Ok((spec, ron, scenario.warnings))
     })
 }
 
-/// A scenario as JSON, with the files that it refers to where they were read, so that it can be used
+/// A scenario as an object, with the files that it refers to where they were read, so that it can be used
 /// anywhere; and as RON, with their paths in its dataset.
-pub(crate) fn texts(scenario: &Scenario) -> storage::Result<(String, String)> {
-    let failed = |e: serde_json::Error| storage::Error::input(e.to_string());
-    let mut spec = serde_json::to_value(&scenario.spec).map_err(failed)?;
+pub(crate) fn written(scenario: &Scenario) -> storage::Result<(Object, String)> {
+    let Object(mut spec) = Object::of(&scenario.spec)?;
     relocate(&mut spec, scenario);
-    Ok((spec.to_string(), scenario::write(&scenario.spec)?))
+    Ok((Object(spec), scenario::write(&scenario.spec)?))
 }
 
 /// Replaces paths in the dataset by those where the files were read.
@@ -258,21 +258,18 @@ where
     })
 }
 
-/// The manifest of a dataset's folder as JSON.
+/// The manifest of a dataset's folder.
 #[pyfunction]
-fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<String> {
-    run(py, false, OnInterrupt::Leave, move |_| {
-        let manifest = Manifest::read(&dataset)?;
-        serde_json::to_string(&manifest).map_err(|e| storage::Error::input(e.to_string()))
-    })
+fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<Object> {
+    run(py, false, OnInterrupt::Leave, move |_| Object::of(&Manifest::read(&dataset)?))
 }
 
-/// Scenario, as [`texts`] gives it, and settings of a dataset's folder.
+/// Scenario, as [`written`] gives it, and settings of a dataset's folder.
 #[pyfunction]
-fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(String, String, Bound<'py, PyDict>)> {
+fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(Object, String, Bound<'py, PyDict>)> {
     let scenario = run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset))?.0;
-    let (json, ron) = texts(&scenario).map_err(raise)?;
-    Ok((json, ron, settings(py, &scenario)?))
+    let (spec, ron) = written(&scenario).map_err(raise)?;
+    Ok((spec, ron, settings(py, &scenario)?))
 }
 
 /// Columns of a table (CSV) in a dataset's folder; `kinds` are the columns' types by name, as in the

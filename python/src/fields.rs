@@ -13,7 +13,8 @@ use rayon::prelude::*;
 use scenario::Scenario;
 
 use crate::dataset::ScenarioText;
-use crate::run::{OnInterrupt, run};
+use crate::object::Object;
+use crate::run::{OnInterrupt, raise, run};
 
 /// Number of points that a thread processes at a time.
 const POINTS: usize = 256;
@@ -113,9 +114,9 @@ impl FlowField {
         self.0.field().is_some_and(flows::VelocityField::is_steady)
     }
 
-    /// The scenario of the field as JSON.
-    fn scenario(&self) -> PyResult<String> {
-        serde_json::to_string(&self.0.spec).map_err(|e| PyValueError::new_err(e.to_string()))
+    /// The scenario of the field.
+    fn scenario(&self) -> PyResult<Object> {
+        Object::of(&self.0.spec).map_err(raise)
     }
 
     /// A displacement (um) as seen in the image, px.

@@ -7,6 +7,7 @@ mod arrow;
 mod columns;
 mod dataset;
 mod fields;
+mod object;
 mod recording;
 mod render;
 mod run;

@@ -6,6 +6,7 @@ use fit::StagePositions;
 use import::{ImportOptions, import};
 use pyo3::prelude::*;
 
+use crate::columns::ranges;
 use crate::run::{OnInterrupt, Show, run};
 
 /// Options of an import; numbers are within their ranges.
@@ -91,5 +92,6 @@ fn import_recording(py: Python<'_>, out: PathBuf, how: How, show: Show<'_>) -> P
 
 /// Adds the function.
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("IMPORT_RANGES", ranges(&ImportOptions::RANGES))?;
     module.add_function(wrap_pyfunction!(import_recording, module)?)
 }

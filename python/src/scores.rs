@@ -16,6 +16,7 @@ use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
 use crate::dataset::{Kept, Made, Place};
+use crate::object::Object;
 use crate::run::{OnInterrupt, Show, run};
 
 /// Options of scoring; numbers are within their ranges.
@@ -131,10 +132,10 @@ fn evaluate(
     })
 }
 
-/// The leaderboard of several scores, each with its name, `score.json` and `units.json`: JSON of its entries,
+/// The leaderboard of several scores, each with its name, `score.json` and `units.json`: its entries,
 /// warnings, text.
 #[pyfunction]
-fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(String, Vec<String>, String)> {
+fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(Object, Vec<String>, String)> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let mut named = Vec::new();
         for (name, json, units) in scores {
@@ -146,9 +147,7 @@ fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(S
             named.push(report::Named { name: name.clone(), score, units: Some(std::sync::Arc::new(units)) });
         }
         let ranking = report::ranking(named)?;
-        let entries =
-            serde_json::to_string(&ranking.entries).map_err(|e| storage::Error::input(e.to_string()))?;
-        Ok((entries, ranking.warnings, ranking.text))
+        Ok((Object::of(&ranking.entries)?, ranking.warnings, ranking.text))
     })
 }
 
@@ -259,6 +258,8 @@ pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(compare, module)?)?;
     module.add_function(wrap_pyfunction!(track, module)?)?;
+    let ranges = TrackOptions::RANGES.iter().chain([&ParticleShape::ASPECTS]);
+    module.add("TRACK_RANGES", columns::ranges(ranges))?;
     module.add_function(wrap_pyfunction!(methods, module)?)?;
     module.add_function(wrap_pyfunction!(sweep, module)?)
 }

@@ -15,6 +15,7 @@ use pyo3::types::PyDict;
 use rayon::ThreadPool;
 
 use crate::dataset::ScenarioText;
+use crate::object::Object;
 use crate::run::{OnInterrupt, defect, pool, raise, run};
 
 /// Interval at which signals are checked.
@@ -133,10 +134,10 @@ impl Samples {
         self.0.window(index).map(|window| (window.top, window.left))
     }
 
-    /// The scenario of a sample as JSON and as RON.
-    fn scenario(&self, py: Python<'_>, index: u64) -> PyResult<(String, String)> {
+    /// The scenario of a sample as an object and as RON.
+    fn scenario(&self, py: Python<'_>, index: u64) -> PyResult<(Object, String)> {
         let stream = Arc::clone(&self.0);
-        run(py, false, OnInterrupt::Leave, move |_| crate::dataset::texts(&stream.scenario(index)?))
+        run(py, false, OnInterrupt::Leave, move |_| crate::dataset::written(&stream.scenario(index)?))
     }
 
     /// Checks that there is free memory for this number of batches of `n` samples; `what` names their

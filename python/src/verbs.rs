@@ -12,30 +12,30 @@ use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 
 use crate::dataset::ScenarioText;
+use crate::object::Object;
 use crate::run::{OnInterrupt, Show, run};
 
-/// Runs a verb; `arguments` begin with the program's name. Gives its result as JSON (empty if it has none)
-/// and as text, warnings, and the checks that failed.
+/// Runs a verb; `arguments` begin with the program's name. Gives its result (None if it has none), the same as
+/// text, warnings, and the checks that failed.
 #[pyfunction]
 fn call(
     py: Python<'_>,
     arguments: Vec<OsString>,
     show: Show<'_>,
-) -> PyResult<(String, String, Vec<String>, Vec<String>)> {
+) -> PyResult<(Option<Object>, String, Vec<String>, Vec<String>)> {
     let answer = run(py, show, OnInterrupt::Wait, move |progress| Cli::call(&arguments, progress.clone()))?;
-    Ok((answer.json, answer.text, answer.warnings, answer.failures))
+    Ok((answer.result.map(Object), answer.text, answer.warnings, answer.failures))
 }
 
-/// The particle images of a scenario's optics over depth: as JSON, as text, as a picture (SVG); warnings.
+/// The particle images of a scenario's optics over depth: as an object, as text, as a picture (SVG); warnings.
 #[pyfunction]
-fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(String, String, String, Vec<String>)> {
+fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String, Vec<String>)> {
     run(py, false, OnInterrupt::Wait, move |_| {
         let scenario = of.resolve()?;
         let preview = Preview::of(&scenario)?;
-        let json = serde_json::to_string(&preview).map_err(|e| storage::Error::input(e.to_string()))?;
         let warnings = scenario.warnings.iter().map(ToString::to_string);
         let warnings = warnings.chain(preview.warnings.iter().cloned()).collect();
-        Ok((json, text(&preview), svg(&preview)?, warnings))
+        Ok((Object::of(&preview)?, text(&preview), svg(&preview)?, warnings))
     })
 }
 

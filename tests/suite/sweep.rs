@@ -211,3 +211,21 @@ fn a_sweep_leads_to_scores_over_its_axes() {
     let written = |file: &Path| file.metadata().unwrap().modified().unwrap();
     assert!(written(&out.join("scores/empty/case_00001/score.json")) >= written(&stale));
 }
+
+#[test]
+fn results_of_other_programs_are_scored_over_a_sweep() {
+    let place = tempfile::tempdir().unwrap();
+    let sweep = write(place.path(), SWEEP);
+    let out = place.path().join("out");
+    let scored = ["sweep", path(&sweep), "--out", path(&out), "--resume", "--evaluate", "--plot"];
+    assert!(fail(2, &scored).contains("results of another program as"));
+    let mine = out.join("results/mine");
+    std::fs::create_dir_all(&mine).unwrap();
+    for case in ["case_00000", "case_00003"] {
+        std::fs::copy(out.join(case).join("truth/tracks.csv"), mine.join(format!("{case}.csv"))).unwrap();
+    }
+    run(&scored);
+    let board = csv::Reader::from_path(out.join("comparison/leaderboard.csv")).unwrap().into_records();
+    assert_eq!(board.count(), 2);
+    assert!(out.join("scores/mine/case_00003/score.json").is_file());
+}

@@ -66,7 +66,7 @@ impl Frames {
                     let is_alone = of_file.pages == 1;
                     sources.extend(pages.into_iter().map(|page| Source { file: number, page, is_alone }));
                 }
-                Err(e) => problems.extend(e.messages()),
+                Err(e) => problems.extend(e.problems()),
             }
             if problems.len() > MOST_SHOWN {
                 break;

@@ -30,6 +30,7 @@ use fit::{Scan, StagePositions};
 use frames::Frames;
 use generator::runner::Progress;
 use known::Known;
+use storage::NumberRange;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 
@@ -83,6 +84,14 @@ impl ImportOptions {
     pub const PARTICLES: usize = 6;
     /// Largest `field`.
     pub const LARGEST_FIELD: usize = 9;
+
+    /// The allowed values: of the two numbers that give `um_per_px`, of `dt_s`, and of a step of the scan up to its sign.
+    pub const RANGES: [NumberRange; 4] = [
+        NumberRange { key: "magnification", least: 0.01, most: 1000.0, unit: "" },
+        NumberRange { key: "pixel_size_um", least: 0.05, most: 1000.0, unit: "um" },
+        NumberRange { key: "dt_s", least: 1e-9, most: 1e6, unit: "s" },
+        NumberRange { key: "z_step_um", least: 1e-4, most: 1e4, unit: "um" },
+    ];
 }
 
 /// What was imported.

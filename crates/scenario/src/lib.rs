@@ -48,7 +48,7 @@ pub use recordings::Recordings;
 pub use reference::{document, template};
 pub use resolve::resolve;
 pub use resolved::Scenario;
-pub use shipped::{SHIPPED, shipped, shipped_suites};
+pub use shipped::{SHIPPED, Shipped, shipped, shipped_suites};
 pub use source::{ScenarioText, read_text};
 pub use splits::{Split, derived_seed, reseeded, sized};
 pub use suite::{

@@ -124,20 +124,6 @@ impl Recordings {
         }
     }
 
-    /// The frame whose files have this name, without extension.
-    pub fn frame_of(&self, stem: &str) -> Option<u32> {
-        let mut parts = stem.split('_').skip(1);
-        let number: u32 = parts.next()?.parse().ok()?;
-        let role = parts.next().and_then(|role| ["a", "b", "c", "d"].into_iter().position(|r| r == role));
-        let each = match self.timing {
-            Timing::Pairs(_) => 2,
-            Timing::Sequence(_) => 1,
-            Timing::FourPulse(_) => 4,
-        };
-        let frame = number.checked_mul(each)?.checked_add(role.unwrap_or(0) as u32)?;
-        (frame < self.frames() && self.stem(frame) == stem).then_some(frame)
-    }
-
     /// Number of the pair that a frame forms with the previous one, if the truth links the two: A and B of a
     /// pair; otherwise consecutive frames of a recording, numbered by the first of them.
     pub fn link_to(&self, frame: u32) -> Option<u32> {
@@ -254,31 +240,6 @@ mod tests {
         assert_eq!(times, [0.0, 0.25, 0.5]);
         assert_eq!(stems[2], "frame_00002");
         assert_eq!(links, [None, Some(0), Some(1)]);
-    }
-
-    #[test]
-    fn frames_are_found_by_their_stems() {
-        for text in
-            ["pairs(count: 3)", "four_pulse(count: 2)", "sequence(frames: 5)", "sequence(frames: 100001)"]
-        {
-            let r = recordings(text).unwrap();
-            assert!((0..r.frames()).all(|frame| r.frame_of(&r.stem(frame)) == Some(frame)));
-            let beyond = r.stem(r.frames());
-            let others = [
-                "",
-                "frame",
-                "frame_0",
-                "frame_000001",
-                "pair_00000",
-                "pair_00000_c",
-                "burst_00000_e",
-                "x_00001",
-            ];
-            assert!(
-                others.into_iter().chain([beyond.as_str()]).all(|stem| r.frame_of(stem).is_none()),
-                "{text}"
-            );
-        }
     }
 
     #[test]

@@ -1,16 +1,53 @@
 //! The scenarios, sweeps and suites that are embedded in the program.
 
-use include_dir::{Dir, include_dir};
+use std::sync::Arc;
+
+use include_dir::{Dir, File, include_dir};
+use storage::problem::Source;
+
+use super::language::text;
 
 /// The folder `scenarios/`, found by `build.rs`.
 pub static SHIPPED: Dir<'static> = include_dir!("$MICROSIG_SCENARIOS");
 
-/// Name and text of each scenario and sweep, sorted by name.
-pub fn shipped() -> Vec<(&'static str, &'static str)> {
-    let mut all: Vec<_> = SHIPPED
-        .files()
-        .filter_map(|file| Some((file.path().to_str()?.strip_suffix(".ron")?, file.contents_utf8()?)))
-        .collect();
+/// A scenario or sweep that is embedded in the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Shipped {
+    /// Name of its file, without extension.
+    pub name: &'static str,
+    /// Its text.
+    pub text: &'static str,
+}
+
+impl Shipped {
+    /// The scenario or sweep of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        shipped().into_iter().find(|shipped| shipped.name == name)
+    }
+
+    /// The question that it answers, with which its comment begins.
+    pub fn question(&self) -> &'static str {
+        self.text.lines().next().unwrap_or_default().trim_start_matches("// Question: ")
+    }
+
+    /// Whether it is a sweep.
+    pub fn is_sweep(&self) -> bool {
+        text::parse(&Arc::new(Source::file(self.name, self.text))).is_ok_and(|tree| tree.find("axes").1)
+    }
+
+    /// The embedded files that it refers to.
+    pub fn files(&self) -> impl Iterator<Item = &'static File<'static>> {
+        let text = self.text;
+        SHIPPED.files().filter(move |file| text.contains(&format!("\"{}\"", file.path().display())))
+    }
+}
+
+/// All of them, sorted by name.
+pub fn shipped() -> Vec<Shipped> {
+    let of = |file: &'static File<'static>| {
+        Some(Shipped { name: file.path().to_str()?.strip_suffix(".ron")?, text: file.contents_utf8()? })
+    };
+    let mut all: Vec<Shipped> = SHIPPED.files().filter_map(of).collect();
     all.sort_unstable();
     all
 }

@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::language::schema::nearest;
-use super::shipped::{SHIPPED, shipped, shipped_suites};
+use super::shipped::{SHIPPED, Shipped, shipped, shipped_suites};
 use storage::TemporaryFolder;
 use storage::error::{Error, Result};
 
@@ -62,26 +62,24 @@ impl ScenarioText {
     }
 
     fn shipped(name: String) -> Result<Self> {
-        let all = shipped();
-        let Some((_, text)) = all.iter().find(|(known, _)| *known == name) else {
+        let Some(found) = Shipped::named(&name) else {
             if shipped_suites().contains(&name.as_str()) {
                 return Err(Error::input(format!("{name}: is a suite; see `microsig suite list {name}`")));
             }
-            let near = nearest(&name, all.iter().map(|(known, _)| *known));
+            let near = nearest(&name, shipped().iter().map(|known| known.name));
             let hint = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
             return Err(Error::input(format!(
                 "{name}: no such file or shipped scenario; {hint}`microsig new --list` lists them"
             )));
         };
-        let refers = |other: &Path| text.contains(&format!("\"{}\"", other.display()));
-        if !SHIPPED.files().any(|other| refers(other.path())) {
-            let folder = PathBuf::from(".");
-            return Ok(ScenarioText { text: (*text).to_owned(), name, folder, _unpacked: None });
+        let text = found.text.to_owned();
+        if found.files().next().is_none() {
+            return Ok(ScenarioText { text, name, folder: PathBuf::from("."), _unpacked: None });
         }
         let place = TemporaryFolder::new()?;
         SHIPPED.extract(place.path()).map_err(Error::write(place.path()))?;
         let folder = place.path().to_owned();
-        Ok(ScenarioText { text: (*text).to_owned(), name, folder, _unpacked: Some(place) })
+        Ok(ScenarioText { text, name, folder, _unpacked: Some(place) })
     }
 }
 

@@ -111,6 +111,20 @@ impl Error {
         }
     }
 
+    /// One message per problem, all of them.
+    pub fn problems(&self) -> Vec<String> {
+        match self {
+            Error::Input(problems) | Error::Unsupported(problems) | Error::Failed(problems) => {
+                problems.clone()
+            }
+            Error::Problems(problems) => problems.iter().map(ToString::to_string).collect(),
+            Error::Optics(microsig_core::Error::Malformed(faults)) => {
+                faults.iter().map(ToString::to_string).collect()
+            }
+            other => vec![other.to_string()],
+        }
+    }
+
     /// One message per problem, at most [`MOST_SHOWN`], and the number of further ones; problems in a
     /// scenario file show the line with a caret.
     pub fn messages(&self) -> Vec<String> {
@@ -163,5 +177,18 @@ impl Error {
             Error::Flow(flows::Error::Trajectory { .. }) => 1,
             _ => 2,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn problems_that_are_passed_on_are_shortened_once() {
+        let of_file = Error::Input((0..25).map(|line| format!("a.csv:{line}: no number")).collect());
+        assert_eq!(of_file.problems().len(), 25);
+        let of_all = Error::Input([of_file.problems(), of_file.problems()].concat());
+        assert_eq!(of_all.messages().last().map(String::as_str), Some("and 30 more"));
     }
 }

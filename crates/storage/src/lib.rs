@@ -13,6 +13,7 @@ pub mod json;
 mod lock;
 pub mod memory;
 pub mod problem;
+mod range;
 mod removal;
 pub mod shown;
 mod standard;
@@ -25,6 +26,7 @@ pub use file::{
 };
 pub use input::read_text;
 pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_errors, on_interrupt};
+pub use range::NumberRange;
 pub use standard::{StandardStreams, is_standard, print};
 
 /// The version of the program.

@@ -48,6 +48,8 @@ struct Row {
     z_um: f64,
     at: [f64; 2],
     image: String,
+    /// Path of the data file; empty if the table has none.
+    particles: String,
     /// Diameter of the particle, um; 0 if all are of one size.
     d_um: f64,
     place: u32,
@@ -178,10 +180,15 @@ pub(super) fn origins(dataset: &Path) -> Result<Vec<Origin>> {
 
 fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
     let particle = |row: &Row| {
-        let image = Path::new(&row.image);
-        let below = image.strip_prefix("calibration/images").ok();
-        let name = below.or(image.file_name().map(Path::new)).unwrap_or(image).with_extension("txt");
-        let path = dataset.join("calibration/particles").join(name);
+        let path = if row.particles.is_empty() {
+            // A table made by hand: the data file is named after the image.
+            let image = Path::new(&row.image);
+            let below = image.strip_prefix("calibration/images").ok();
+            let name = below.or(image.file_name().map(Path::new)).unwrap_or(image).with_extension("txt");
+            dataset.join("calibration/particles").join(name)
+        } else {
+            dataset.join(&row.particles)
+        };
         let file = input::open(&path)?;
         let particles = data_file::read(file, &path.display().to_string())?;
         particles.into_iter().next().ok_or_else(|| {
@@ -286,7 +293,7 @@ fn image_size(dataset: &Path, table: &Path) -> Result<(u32, u32)> {
     let mut first = None;
     TableReader::open(table)?.rows(&["image"], |_, row: CalibrationRow| {
         if first.is_none() {
-            first = Some(below(&row.image)?.to_owned());
+            first = Some(below("image", &row.image)?.to_owned());
         }
         Ok(())
     })?;
@@ -296,20 +303,20 @@ fn image_size(dataset: &Path, table: &Path) -> Result<(u32, u32)> {
     Ok(tiff::size(file, &path.display().to_string())?)
 }
 
-/// The path of an image if it is below the dataset's folder.
-fn below(image: &str) -> std::result::Result<&Path, String> {
+/// A path in the table if it is below the dataset's folder.
+fn below<'a>(column: &str, path: &'a str) -> std::result::Result<&'a Path, String> {
     let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
-    if image.is_empty() || !Path::new(image).components().all(inside) {
-        return Err(format!("image = `{image}`: expected a path below the dataset's folder"));
+    if path.is_empty() || !Path::new(path).components().all(inside) {
+        return Err(format!("{column} = `{path}`: expected a path below the dataset's folder"));
     }
-    Ok(Path::new(image))
+    Ok(Path::new(path))
 }
 
 /// The rows of the table, validated against the size of the images.
 fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     TableReader::open(table)?.rows(&["z_um", "x_px", "y_px", "image"], |line, row: CalibrationRow| {
-        let CalibrationRow { z_um, image, .. } = row;
+        let CalibrationRow { z_um, image, particles, .. } = row;
         if !DEPTHS_UM.contains(&z_um) {
             return Err(format!("z_um = {z_um}: expected -1e6 to 1e6"));
         }
@@ -325,13 +332,16 @@ fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
             ))
         });
         let [x, y] = at;
-        below(&image)?;
+        below("image", &image)?;
+        if !particles.is_empty() {
+            below("particles", &particles)?;
+        }
         let place_at = [row.place_x_px, row.place_y_px].map(|px| if px.is_finite() { px - 1.0 } else { 0.0 });
         let d_um = if row.d_um.is_nan() { 0.0 } else { row.d_um };
         if !(0.0..=1e6).contains(&d_um) {
             return Err(format!("d_um = {d_um}: expected a number > 0 and <= 1e6"));
         }
-        rows.push(Row { line, z_um, at: [x?, y?], image, d_um, place: row.place, place_at });
+        rows.push(Row { line, z_um, at: [x?, y?], image, particles, d_um, place: row.place, place_at });
         Ok(())
     })?;
     Ok(rows)

@@ -113,7 +113,9 @@ impl<'a> Job<'a> {
             link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
         let rows = link::link(&found, range, self.recording.pairs());
         self.warn_of_streaks();
-        if !self.warn_of_displacements() {
+        if rows.is_empty() {
+            self.warn("no particle was found in any frame; check that size, shape and optics are those of the images");
+        } else if !self.warn_of_displacements() {
             self.warn_of_few_links(&rows);
         }
         Ok(Output::Points(rows))

@@ -53,6 +53,7 @@ use dataset::Columns;
 use generator::runner::Progress;
 use job::Job;
 use output::Output;
+use storage::NumberRange;
 use storage::error::{Error, Result};
 use storage::{may_write, save_result};
 
@@ -152,6 +153,14 @@ impl TrackOptions {
     /// Default of `noise_um`.
     pub const NOISE_UM: f64 = 1.0;
 
+    /// The allowed values: of `max_displacement_px`, `diameter_px`, `noise_px` and `noise_um`.
+    pub const RANGES: [NumberRange; 4] = [
+        NumberRange { key: "max_displacement_px", least: 0.001, most: 1e5, unit: "px" },
+        NumberRange { key: "diameter_px", least: 0.5, most: 1e3, unit: "px" },
+        NumberRange { key: "noise_px", least: 0.0, most: 1e3, unit: "px" },
+        NumberRange { key: "noise_um", least: 0.0, most: 1e3, unit: "um" },
+    ];
+
     /// The defaults of a method.
     pub fn of(method: &str, progress: Progress) -> Self {
         TrackOptions {
@@ -242,7 +251,7 @@ pub fn method(name: &str) -> Result<&'static Method> {
 
 impl ParticleShape {
     /// The allowed aspect ratios.
-    pub const ASPECTS: std::ops::RangeInclusive<f64> = 0.1..=10.0;
+    pub const ASPECTS: NumberRange = NumberRange { key: "aspect_ratio", least: 0.1, most: 10.0, unit: "" };
 
     /// Refuses spheroids for methods other than `ncc` and `mle`, and aspect ratios out of range.
     fn check(self, method: &str) -> Result<()> {
@@ -253,9 +262,8 @@ impl ParticleShape {
             )));
         }
         match aspect {
-            AspectRatio::Given(aspect) if !Self::ASPECTS.contains(&aspect) => {
-                let (least, most) = Self::ASPECTS.into_inner();
-                Err(Error::input(format!("aspect ratio {aspect}: expected {least} to {most}")))
+            AspectRatio::Given(aspect) if !Self::ASPECTS.allows(aspect) => {
+                Err(Error::input(format!("aspect ratio {aspect}: expected {}", Self::ASPECTS)))
             }
             _ => Ok(()),
         }

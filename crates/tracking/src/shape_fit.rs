@@ -444,7 +444,7 @@ impl Fit<'_> {
             z_um,
             axis,
             e_p: (pose.e_p * made[6].exp())
-                .clamp(*ParticleShape::ASPECTS.start(), *ParticleShape::ASPECTS.end()),
+                .clamp(ParticleShape::ASPECTS.least, ParticleShape::ASPECTS.most),
             brightness: pose.brightness + made[0],
         };
         (moved, turned, made)

@@ -143,7 +143,7 @@ impl Spheroids {
             Ok(self.clearest(&job.recording.frame(k * all / frames)?, SAMPLED.div_ceil(frames)))
         };
         let sampled: Vec<Vec<Fitted>> = (0..frames).into_par_iter().map(sampled).collect::<Result<_>>()?;
-        let (least, most) = ParticleShape::ASPECTS.into_inner();
+        let (least, most) = (ParticleShape::ASPECTS.least, ParticleShape::ASPECTS.most);
         let is_inside = |fitted: &Fitted| fitted.pose().e_p > least && fitted.pose().e_p < most;
         let mut fitted: Vec<Fitted> = sampled.into_iter().flatten().filter(is_inside).collect();
         // Worse than these are overlapping particles that were taken for one.

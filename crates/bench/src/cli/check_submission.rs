@@ -56,7 +56,7 @@ impl CheckSubmission {
             let dataset = self.dataset.join(case.split_folder(split));
             match checked(&dataset, &result, Conventions::default()) {
                 Ok(Checked { text, .. }) => lines.push(text),
-                Err(e) => problems.extend(e.messages()),
+                Err(e) => problems.extend(e.problems()),
             }
         }
         for path in results_below(&self.submission)? {

@@ -1,12 +1,11 @@
 //! `microsig fit`: fits the settings of a real microscope to its calibration scan.
 
-use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::argument::folder;
+use super::argument::{folder, out_of_range};
 use super::choice::choice;
 use super::options::{Random, Replace};
 use super::output::{progress, summarize, warn};
@@ -16,6 +15,7 @@ use fit::{
     Verdict, WaveModel, fit, fit_field,
 };
 use microsig_core::render::waves::{Emission, Layers, Lens};
+use storage::NumberRange;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 
@@ -162,8 +162,13 @@ fn field_text(fitted: &FieldFit, out: &Path) -> String {
     text
 }
 
-/// Pixel sizes of cameras, um, as in scenarios.
-const PIXEL_SIZES_UM: RangeInclusive<f64> = 0.05..=1000.0;
+/// The allowed values of options; pixel sizes as in scenarios.
+const RANGES: [NumberRange; 4] = [
+    NumberRange { key: "wavelength_um", least: 0.1, most: 2.0, unit: "um" },
+    NumberRange { key: "fluid", least: 1.0, most: 4.0, unit: "" },
+    NumberRange { key: "fluid_depth_um", least: 0.0, most: 1e5, unit: "um" },
+    NumberRange { key: "pixel_size_um", least: 0.05, most: 1000.0, unit: "um" },
+];
 
 impl Fit {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
@@ -262,23 +267,19 @@ impl Fit {
             let idle = idle.into_iter().filter(|(_, given)| *given);
             problems.extend(idle.map(|(name, _)| format!("--{name}: expected with --model waves only")));
         }
-        if !PIXEL_SIZES_UM.contains(&self.pixel_size) {
+        let [wavelength, fluid, fluid_depth, pixel_size] = &RANGES;
+        if !pixel_size.allows(self.pixel_size) {
             // The same hint as for scenarios (`scenario::language::read`).
             let um = (self.pixel_size * 1e12).round() / 1e6;
             let hint = format!("; in um, {:e} m is {um}", self.pixel_size);
-            let hint = if PIXEL_SIZES_UM.contains(&um) { hint } else { String::new() };
-            let (least, most) = (PIXEL_SIZES_UM.start(), PIXEL_SIZES_UM.end());
-            let given = self.pixel_size;
-            problems.push(format!("--pixel-size {given}: expected a number, {least} to {most} um{hint}"));
+            let hint = if pixel_size.allows(um) { hint } else { String::new() };
+            problems.push(format!("--pixel-size {}: expected a number, {pixel_size}{hint}", self.pixel_size));
         }
-        let mut within = |name: &str, value: f64, least: f64, most: f64| {
-            if !(least..=most).contains(&value) {
-                problems.push(format!("--{name} {value}: expected {least} to {most}"));
-            }
-        };
-        within("wavelength", self.wavelength.unwrap_or(0.5), 0.1, 2.0);
-        within("fluid", self.fluid.unwrap_or(1.33), 1.0, 4.0);
-        within("fluid-depth", self.fluid_depth, 0.0, 1e5);
+        problems.extend(out_of_range(&[
+            ("wavelength", self.wavelength, wavelength),
+            ("fluid", self.fluid, fluid),
+            ("fluid-depth", Some(self.fluid_depth), fluid_depth),
+        ]));
         if !problems.is_empty() {
             return Err(Error::Input(problems));
         }

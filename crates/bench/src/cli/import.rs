@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::argument::folder;
+use super::argument::{folder, out_of_range};
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use fit::StagePositions;
@@ -100,16 +100,13 @@ impl Import {
     }
 
     fn options(&self, common: &Common) -> Result<ImportOptions> {
-        let mut problems = Vec::new();
-        let mut within = |name: &str, value: Option<f64>, least: f64, most: f64, unit: &str| {
-            if let Some(value) = value.filter(|value| !(least..=most).contains(value)) {
-                problems.push(format!("--{name} {value}: expected {least} to {most}{unit}"));
-            }
-        };
-        within("magnification", self.magnification, 0.01, 1000.0, "");
-        within("pixel-size", self.pixel_size, 0.05, 1000.0, " um");
-        within("dt", self.dt, 1e-9, 1e6, " s");
-        within("z-step", self.z_step.map(f64::abs), 1e-4, 1e4, " um, or the same below 0");
+        let [magnification, pixel_size, dt, step] = &ImportOptions::RANGES;
+        let problems = out_of_range(&[
+            ("magnification", self.magnification, magnification),
+            ("pixel-size", self.pixel_size, pixel_size),
+            ("dt", self.dt, dt),
+            ("z-step", self.z_step.map(f64::abs), step),
+        ]);
         if !problems.is_empty() {
             return Err(Error::Input(problems));
         }

@@ -227,7 +227,7 @@ impl Cli {
         let mut answer = caller.answer.into_inner().unwrap_or_else(PoisonError::into_inner);
         match done {
             Ok(()) => {}
-            Err(Error::Failed(failures)) if !answer.json.is_empty() => answer.failures = failures,
+            Err(Error::Failed(failures)) if answer.result.is_some() => answer.failures = failures,
             Err(e) => return Err(e),
         }
         Ok(answer)

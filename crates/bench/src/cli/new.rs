@@ -8,7 +8,7 @@ use serde_json::json;
 use super::Common;
 use super::options::Replace;
 use super::output::{report, summarize};
-use scenario::{self, SHIPPED, SUITE, nearest, shipped, shipped_suites};
+use scenario::{self, SHIPPED, SUITE, Shipped, nearest, shipped, shipped_suites};
 use storage::error::{Error, Result};
 use storage::save_result;
 
@@ -39,8 +39,8 @@ impl New {
         let file = self.file.as_deref().unwrap_or(Path::new("-"));
         // The files that the scenario refers to, and the scenario itself.
         let mut files = Vec::new();
-        let text = match &self.from {
-            None => scenario::template()?,
+        let (text, verb) = match &self.from {
+            None => (scenario::template()?, "generate"),
             Some(name) if shipped_suites().contains(&name.as_str()) => {
                 let suite = SHIPPED.get_dir(name).map(|folder| folder.files()).into_iter().flatten();
                 let own = format!("{name}/{SUITE}");
@@ -48,25 +48,17 @@ impl New {
                 let others = suite.filter(|other| other.path() != Path::new(&own));
                 let path = |other: &Path| beside.join(other.file_name().unwrap_or_default());
                 files.extend(others.map(|other| (path(other.path()), other.contents().to_vec())));
-                SHIPPED.get_file(&own).and_then(|file| file.contents_utf8()).unwrap_or_default().to_owned()
+                let text = SHIPPED.get_file(&own).and_then(|file| file.contents_utf8()).unwrap_or_default();
+                (text.to_owned(), "suite list")
             }
             Some(name) => {
-                let all = shipped();
-                let found = all.iter().find(|(known, _)| known == name);
-                let (_, text) = found.ok_or_else(|| unknown(name, all.iter().map(|(name, _)| *name)))?;
+                let found = Shipped::named(name).ok_or_else(|| unknown(name))?;
                 let beside = file.parent().map_or_else(PathBuf::new, PathBuf::from);
-                let needed = SHIPPED.files().filter(|other| {
-                    other.path().to_str().is_some_and(|path| text.contains(&format!("\"{path}\"")))
-                });
-                files.extend(needed.map(|other| (beside.join(other.path()), other.contents().to_vec())));
-                (*text).to_owned()
+                files.extend(
+                    found.files().map(|other| (beside.join(other.path()), other.contents().to_vec())),
+                );
+                (found.text.to_owned(), if found.is_sweep() { "sweep" } else { "generate" })
             }
-        };
-        let is = |key: &str| text.contains(&format!("\n    {key}:"));
-        let verb = match (is("axes"), is("tracks")) {
-            (true, _) => "sweep",
-            (_, true) => "suite list",
-            _ => "generate",
         };
         if storage::is_standard(file) {
             return report(text.trim_end(), &json!({ "text": text, "files": [] }), common);
@@ -88,9 +80,7 @@ impl New {
 }
 
 fn list(common: &Common) -> Result<()> {
-    let question =
-        |text: &'static str| text.lines().next().unwrap_or_default().trim_start_matches("// Question: ");
-    let all: Vec<_> = shipped().into_iter().map(|(name, text)| (name, question(text))).collect();
+    let all: Vec<_> = shipped().iter().map(|shipped| (shipped.name, shipped.question())).collect();
     let suites = shipped_suites().into_iter().map(|name| (name, "a suite: see `microsig suite list`"));
     let all: Vec<_> = all.into_iter().chain(suites).collect();
     let width = all.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
@@ -101,8 +91,9 @@ fn list(common: &Common) -> Result<()> {
     report(&lines.join("\n"), &objects, common)
 }
 
-fn unknown<'a>(name: &str, names: impl Iterator<Item = &'a str> + Clone) -> Error {
-    let hint =
-        nearest(name, names.clone()).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-    Error::input(format!("--from {name}: {hint}expected one of {}", names.collect::<Vec<_>>().join(", ")))
+fn unknown(name: &str) -> Error {
+    let names: Vec<&str> = shipped().iter().map(|shipped| shipped.name).collect();
+    let near = nearest(name, names.iter().copied());
+    let hint = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
+    Error::input(format!("--from {name}: {hint}expected one of {}", names.join(", ")))
 }

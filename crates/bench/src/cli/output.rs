@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use serde::Serialize;
+use serde_json::Value;
 
 use super::Common;
 use super::options::ProgressStyle;
@@ -15,8 +16,8 @@ use storage::error::{Error, Result};
 /// What a verb gives to a program that calls it ([`super::Cli::call`]).
 #[derive(Debug, Default)]
 pub struct Answer {
-    /// The result as one JSON object, as `--json` prints it; empty if the verb has none.
-    pub json: String,
+    /// The result, which `--json` prints; `None` if the verb has none.
+    pub result: Option<Value>,
     /// The result as a sentence.
     pub text: String,
     /// Warnings.
@@ -102,8 +103,8 @@ pub(super) fn announce(text: &str) {
 /// Prints what was asked for: as text, or as one JSON object with `--json`.
 pub(super) fn report(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
     if let Some(caller) = &common.caller {
-        let json = json_of(result)?;
-        caller.tell(|answer| (answer.json, answer.text) = (json, text.to_owned()));
+        let result = serde_json::to_value(result).map_err(|e| Error::input(e.to_string()))?;
+        caller.tell(|answer| (answer.result, answer.text) = (Some(result), text.to_owned()));
         return Ok(());
     }
     storage::print(format!("{}\n", line(text, result, common)?).as_bytes())

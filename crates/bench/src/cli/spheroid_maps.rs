@@ -31,9 +31,8 @@ struct Place {
 
 /// Bounds over depth, tilt and aspect ratio as a table.
 pub(super) fn table(scenario: &Scenario, aspects: &[f64], progress: &Progress) -> Result<Columns> {
-    let (least, most) = ParticleShape::ASPECTS.into_inner();
-    if let Some(e_p) = aspects.iter().find(|e_p| !(least..=most).contains(*e_p)) {
-        return Err(Error::input(format!("--aspect-ratios {e_p}: expected {least} to {most}")));
+    if let Some(e_p) = aspects.iter().find(|e_p| !ParticleShape::ASPECTS.allows(**e_p)) {
+        return Err(Error::input(format!("--aspect-ratios {e_p}: expected {}", ParticleShape::ASPECTS)));
     }
     let of_scenario = scenario.spec.particles.spheroids.map(|spheroids| vec![spheroids.e_p]);
     let aspects = if aspects.is_empty() { of_scenario.unwrap_or(ASPECTS.to_vec()) } else { aspects.to_vec() };

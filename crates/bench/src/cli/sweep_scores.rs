@@ -1,7 +1,7 @@
 //! Trackers and scores over the cases of a sweep: `microsig sweep --track --evaluate --plot`.
 //!
-//! Results are `results/METHOD/CASE.csv` in the sweep's folder, scores `scores/METHOD/CASE/`, and plots of
-//! the scores against the axes `comparison/`. They equal those of `microsig track`, `evaluate` and `compare`.
+//! Results are `results/METHOD/CASE.csv` in the sweep's folder, where those of other programs are scored as well, scores
+//! `scores/METHOD/CASE/`, and plots of the scores against the axes `comparison/`. They equal those of `microsig track`, `evaluate` and `compare`.
 
 use std::path::{Path, PathBuf};
 
@@ -25,8 +25,8 @@ pub(super) struct SweepScores {
     /// folder
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = methods())]
     track: Vec<String>,
-    /// Score the results into scores/METHOD/CASE/
-    #[arg(long, requires = "track")]
+    /// Score all results, also those of other programs in results/NAME/CASE.csv, into scores/NAME/CASE/
+    #[arg(long)]
     evaluate: bool,
     /// Plot the scores against the axes of the sweep into comparison/leaderboard.html, once all shards are
     /// done
@@ -35,8 +35,8 @@ pub(super) struct SweepScores {
 }
 
 /// A result of a tracker on a case, and its scores.
-struct Entry<'a> {
-    method: &'a str,
+struct Entry {
+    tracker: String,
     dataset: PathBuf,
     result: PathBuf,
     scores: PathBuf,
@@ -48,7 +48,8 @@ impl SweepScores {
     /// # Errors
     /// A folder in a dataset.
     pub(super) fn check(&self, out: &Path) -> Result<()> {
-        if self.track.is_empty() { Ok(()) } else { storage::outside_datasets(&out.join("results")) }
+        let has_results = self.evaluate || !self.track.is_empty();
+        if has_results { storage::outside_datasets(&out.join("results")) } else { Ok(()) }
     }
 
     /// Tracks, scores and plots the cases of a shard; failed cases are left out.
@@ -65,12 +66,12 @@ impl SweepScores {
         common: &Common,
     ) -> Result<()> {
         let (resume, replace) = (options.resume, options.force || options.resume);
-        let entries: Vec<Entry> =
-            self.track.iter().flat_map(|method| self.entries(method, &swept.out, cases)).collect();
+        let mut entries: Vec<Entry> =
+            self.track.iter().flat_map(|method| entries_of(method, &swept.out, cases)).collect();
         let is_new = |made: &Path, of: &Path| resume && !is_older(made, of);
         for entry in entries.iter().filter(|entry| !is_new(&entry.result, &entry.dataset.join(SHA256SUMS))) {
             let options =
-                TrackOptions { seed, force: replace, ..TrackOptions::of(entry.method, progress(common)) };
+                TrackOptions { seed, force: replace, ..TrackOptions::of(&entry.tracker, progress(common)) };
             create_parent(&entry.result)?;
             let tracked = track(&entry.dataset, &entry.result, &options)?;
             warn(&tracked.warnings, common);
@@ -83,6 +84,28 @@ impl SweepScores {
             let hint = "scores and plots need all cases: run again with --resume and --shard 1/1";
             say(hint, common);
             return Ok(());
+        }
+        for name in self.others(&swept.out)? {
+            let of_all = entries_of(&name, &swept.out, cases);
+            let all = of_all.len();
+            let given: Vec<Entry> = of_all.into_iter().filter(|entry| entry.result.is_file()).collect();
+            if given.len() < all {
+                let missing = all - given.len();
+                warn(
+                    &[format!(
+                        "results/{name}: {missing} of {all} cases have no CASE.csv and are not scored"
+                    )],
+                    common,
+                );
+            }
+            entries.extend(given);
+        }
+        if entries.is_empty() {
+            let results = swept.out.join("results");
+            return Err(Error::input(format!(
+                "--evaluate: expected --track METHOD, or results of another program as {}/NAME/CASE.csv",
+                results.display()
+            )));
         }
         for entry in entries.iter().filter(|entry| !is_new(&entry.scores.join(report::SCORE), &entry.result))
         {
@@ -101,15 +124,32 @@ impl SweepScores {
         Ok(())
     }
 
-    fn entries<'a>(&self, method: &'a str, out: &Path, cases: &[&Case]) -> Vec<Entry<'a>> {
-        let of = |case: &Case| Entry {
-            method,
-            dataset: out.join(&case.name),
-            result: out.join("results").join(method).join(format!("{}.csv", case.name)),
-            scores: out.join("scores").join(method).join(&case.name),
-        };
-        cases.iter().copied().map(of).filter(|entry| entry.dataset.is_dir()).collect()
+    /// Folders of results that are not of `--track`, in the order of their names.
+    fn others(&self, out: &Path) -> Result<Vec<String>> {
+        let folder = out.join("results");
+        if !folder.is_dir() {
+            return Ok(Vec::new());
+        }
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
+            let entry = entry.map_err(|e| Error::read(&folder, e))?;
+            let name = entry.file_name().into_string();
+            names.extend(name.ok().filter(|name| entry.path().is_dir() && !self.track.contains(name)));
+        }
+        names.sort();
+        Ok(names)
     }
+}
+
+/// The results and scores of a tracker on those of these cases that were generated.
+fn entries_of(tracker: &str, out: &Path, cases: &[&Case]) -> Vec<Entry> {
+    let of = |case: &Case| Entry {
+        tracker: tracker.to_owned(),
+        dataset: out.join(&case.name),
+        result: out.join("results").join(tracker).join(format!("{}.csv", case.name)),
+        scores: out.join("scores").join(tracker).join(&case.name),
+    };
+    cases.iter().copied().map(of).filter(|entry| entry.dataset.is_dir()).collect()
 }
 
 /// Whether a file is missing or was written before another one.

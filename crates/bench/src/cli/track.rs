@@ -6,6 +6,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
+use super::argument::out_of_range;
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, warn, written};
 use storage::error::{Error, Result};
@@ -68,16 +69,13 @@ pub(super) fn methods() -> PossibleValuesParser {
 
 impl Track {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let mut wrong: Vec<String> = [
-            ("--max-displacement", self.max_displacement, 0.001, 1e5, "px"),
-            ("--diameter", self.diameter, 0.5, 1e3, "px"),
-            ("--noise-xy", self.noise_xy, 0.0, 1e3, "px"),
-            ("--noise-z", self.noise_z, 0.0, 1e3, "um"),
-        ]
-        .into_iter()
-        .filter(|(_, value, least, most, _)| !(*least..=*most).contains(value))
-        .map(|(name, value, least, most, unit)| format!("{name} {value}: expected {least} to {most} {unit}"))
-        .collect();
+        let [displacement, diameter, noise_xy, noise_z] = &TrackOptions::RANGES;
+        let mut wrong = out_of_range(&[
+            ("max-displacement", Some(self.max_displacement), displacement),
+            ("diameter", Some(self.diameter), diameter),
+            ("noise-xy", Some(self.noise_xy), noise_xy),
+            ("noise-z", Some(self.noise_z), noise_z),
+        ]);
         if self.ensemble && self.method != "piv" {
             wrong.push(format!("--ensemble: expected with --method piv, not {}", self.method));
         }

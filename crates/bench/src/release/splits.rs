@@ -13,7 +13,7 @@ use dataset::manifest::{GENERATOR_VERSION, Manifest};
 use generator::dataset::secret;
 use generator::runner::Progress;
 use generator::runner::verify;
-use scenario::spec::{Motion, Number};
+use scenario::spec::{Calibration, Motion, Number};
 use scenario::{self, Scenario, Split, assignment, reseeded, resolve, set, sized};
 use storage::error::{Error, Result};
 
@@ -68,7 +68,7 @@ impl Train {
             spec = set(&spec, path, value)?;
         }
         // Participants calibrate with the stack of the train split, so the test split needs no stack.
-        spec = set(&spec, "calibration", "none")?;
+        spec.calibration = Some(Calibration::None);
         let mut spec = reseeded(spec, || {
             let [a, b, c, d, e, f, g, h, ..] = secret::draw()?;
             Ok(u64::from_le_bytes([a, b, c, d, e, f, g, h]))

@@ -329,7 +329,7 @@ fn particles_or_vectors(
     let found = match read {
         Ok(found) => found,
         Err(e) => {
-            problems.extend(e.to_string().lines().map(str::to_owned));
+            problems.extend(e.problems());
             return Ok(None);
         }
     };

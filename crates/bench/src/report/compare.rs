@@ -124,7 +124,7 @@ fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
     for path in paths {
         match score_file::read(path).and_then(|score| Ok((score, score_file::read_units(path)?))) {
             Ok((score, units)) => scores.push(Named { name: name(path), score, units: units.map(Arc::new) }),
-            Err(e) => problems.extend(e.to_string().lines().map(str::to_owned)),
+            Err(e) => problems.extend(e.problems()),
         }
     }
     if !problems.is_empty() {

@@ -94,11 +94,12 @@ fn short<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
     ends.into_iter().find(is_own).unwrap_or(key)
 }
 
-/// Name of the tracker: the name of the score without the sweep case.
+/// Name of the tracker: the name of the score, as in `ncc/case_00001` or `case_00001-ncc`, without the sweep case.
 fn tracker(entry: &Entry) -> String {
-    let parts = entry.name.split(['/', '-', '.']).filter(|part| !part.starts_with("case_"));
-    let name = parts.collect::<Vec<_>>().join("-");
-    if name.is_empty() { "result".to_owned() } else { name }
+    let parts = entry.name.split_inclusive(['/', '-', '.']).filter(|part| !part.starts_with("case_"));
+    let name = parts.collect::<String>();
+    let name = name.trim_end_matches(['/', '-', '.']);
+    if name.is_empty() { "result".to_owned() } else { name.to_owned() }
 }
 
 /// A score over an axis; `None` if no case has it.
@@ -242,6 +243,15 @@ mod tests {
         let alone = [entry("ncc/case_0", 0.5, &[("x", 1.0.into())])];
         let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>()), QUANTITIES[0]);
         assert!(page.unwrap().unwrap().into_string().contains("<b>ncc</b> <span"));
+    }
+
+    #[test]
+    fn a_tracker_is_named_as_its_folder() {
+        for (name, of) in
+            [("my-net.v2/case_00001", "my-net.v2"), ("case_00001-ncc", "ncc"), ("case_00001", "result")]
+        {
+            assert_eq!(tracker(&entry(name, 0.5, &[])), of);
+        }
     }
 
     #[test]

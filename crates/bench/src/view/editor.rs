@@ -39,15 +39,11 @@ fn described(problem: &Problem, text: &str) -> Value {
 /// A scenario that cannot be read.
 pub(super) fn about(subject: &Subject) -> Result<Value> {
     let (name, text) = subject.text()?;
-    let question = |text: &str| {
-        let first = text.lines().next().unwrap_or_default();
-        first.trim_start_matches("// Question: ").to_owned()
-    };
-    let presets = shipped().into_iter().filter(|(_, text)| !text.contains("\n    axes:"));
+    let presets = shipped().into_iter().filter(|shipped| !shipped.is_sweep());
     let presets: Vec<Value> = std::iter::once(json!({
         "name": "every key", "text": template()?, "question": "A commented scenario with every key and its default."
     }))
-    .chain(presets.map(|(name, text)| json!({ "name": name, "text": text, "question": question(text) })))
+    .chain(presets.map(|s| json!({ "name": s.name, "text": s.text, "question": s.question() })))
     .collect();
     let file = subject.scenario.as_ref();
     Ok(json!({

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use dataset::manifest::MANIFEST;
 use generator::runner::{CASES, CaseReader};
-use scenario::{SCENARIO, read_text, shipped};
+use scenario::{SCENARIO, Shipped, read_text};
 use scoring::evaluate::measurement::check_order;
 use storage::error::{Error, Result};
 use storage::folder::is_partial;
@@ -74,11 +74,11 @@ impl Subject {
             let what = "is a scenario, which has no results";
             return Err(Error::input(format!("{}: {} {what}", stray.display(), path.display())));
         }
-        let named = shipped().into_iter().find(|(name, _)| path.as_os_str() == *name);
+        let named = path.to_str().and_then(Shipped::named);
         if path.exists() {
             read_text(path)?;
-        } else if let Some((name, _)) = named {
-            return Ok(Subject { shipped: Some(name.to_owned()), ..Subject::default() });
+        } else if let Some(named) = named {
+            return Ok(Subject { shipped: Some(named.name.to_owned()), ..Subject::default() });
         } else if !path.extension().is_some_and(|end| end == "ron" || end == "json") {
             let expected = "expected a scenario, a dataset or a sweep's folder";
             return Err(Error::input(format!("{}: not found; {expected}", path.display())));
@@ -151,10 +151,10 @@ impl Subject {
             (None, Some(dataset)) if dataset.folder.join(SCENARIO).is_file() => dataset.folder.join(SCENARIO),
             (path, _) => {
                 let named = self.shipped.as_deref();
-                let start = shipped().into_iter().find(|(name, _)| *name == named.unwrap_or("quickstart"));
+                let start = Shipped::named(named.unwrap_or("quickstart"));
                 let name = path.as_ref().map(|p| p.display().to_string());
                 let name = name.unwrap_or_else(|| format!("{}.ron", named.unwrap_or("scenario")));
-                return Ok((name, start.map(|(_, text)| text.to_owned()).unwrap_or_default()));
+                return Ok((name, start.map(|start| start.text.to_owned()).unwrap_or_default()));
             }
         };
         Ok((path.display().to_string(), read_text(&path)?))

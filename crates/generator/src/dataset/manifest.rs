@@ -1,5 +1,6 @@
 //! Builds the manifest of a scenario's dataset. It does not depend on date, host, path or commit.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use microsig_core::sensor::{Image, ImageFormat};
@@ -28,9 +29,14 @@ use storage::folder::Partial;
 /// A file in the folder that this program did not write; writing.
 pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
     let (folder, tables) = (partial.folder(), super::tables(scenario));
+    let paths = |frame| {
+        let stem = Stem::of(&scenario.recordings, frame);
+        [(stem.particles(), frame), (stem.image(), frame)]
+    };
+    let frames: HashMap<String, u32> = (0..scenario.recordings.frames()).flat_map(paths).collect();
     seal(folder, &head, |path: &str| {
         if partial.lists(path) {
-            return entry(scenario, ledger, &tables, folder, path);
+            return entry(scenario, ledger, &tables, folder, (path, frames.get(path).copied()));
         }
         let path = folder.join(path);
         Err(Error::input(format!("{}: microsig did not write it; move it elsewhere", path.display())))
@@ -269,16 +275,16 @@ fn truth_grid(scenario: &Scenario) -> Option<TruthGridFacts> {
     })
 }
 
-/// The fingerprint of a file of a dataset and its entry in the manifest; the file is read only if the ledger
-/// does not contain it.
+/// The fingerprint of a file of a dataset (its path, and its frame if it is of one) and its entry in the manifest;
+/// the file is read only if the ledger does not contain it.
 fn entry(
     scenario: &Scenario,
     ledger: &Ledger,
     tables: &[Table],
     folder: &Path,
-    path: &str,
+    (path, frame): (&str, Option<u32>),
 ) -> Result<(Fingerprint, Resource)> {
-    let Some(frame) = Stem::frame_of(&scenario.recordings, path) else {
+    let Some(frame) = frame else {
         let fingerprint = ledger.other(path).map_or_else(|| fingerprint(&folder.join(path)), Ok)?;
         return Ok((fingerprint, resource(path, &fingerprint, tables)));
     };

@@ -56,12 +56,6 @@ impl Stem {
         Stem { name: recordings.stem(frame) }
     }
 
-    /// The frame whose data file or image has this path in the dataset.
-    pub fn frame_of(recordings: &Recordings, path: &str) -> Option<u32> {
-        let of = |folder: &str, extension: &str| path.strip_prefix(folder)?.strip_suffix(extension);
-        recordings.frame_of(of(PARTICLES, ".txt").or_else(|| of(IMAGES, ".tif"))?)
-    }
-
     /// Path of the data file in the dataset.
     pub fn particles(&self) -> String {
         format!("{PARTICLES}{}.txt", self.name)

@@ -258,7 +258,7 @@ fn check(
                 particles += n;
                 found.extend(more);
             }
-            Err(e) => problems.extend(e.to_string().lines().map(str::to_owned)),
+            Err(e) => problems.extend(e.problems()),
         }
     }
     if !problems.is_empty() {

@@ -61,8 +61,9 @@ fn complete(schema: &mut Value) {
 
 const BOUNDS: [&str; 5] = ["minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "enum"];
 
-/// The bounds in words such as `a number > 0 and < 1 (...)`, `0 to 0.5`, `1 or more, ...`, `2 or 3`.
+/// The bounds in words such as `a number > 0 and < 1 (...)`, `0 to 0.5`, `1 or more, ...`, `2 or 3`; of lists, `each > 0`.
 fn bounds(words: &str) -> Map<String, Value> {
+    let words = words.strip_prefix("each ").unwrap_or(words);
     let words = words.split(['(', ';']).next().unwrap_or_default();
     let words = words.replace(" and ", ",");
     let mut bounds = Map::new();

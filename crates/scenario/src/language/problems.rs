@@ -71,7 +71,7 @@ impl Problems {
             }
             Err(Error::Problems(problems)) => self.0.extend(problems),
             Err(error) => {
-                self.0.extend(error.to_string().lines().map(|line| Problem::other(path, line)));
+                self.0.extend(error.problems().into_iter().map(|problem| Problem::other(path, problem)));
             }
         }
         None

@@ -210,11 +210,8 @@ fn changes(spec: &SuiteSpec, t: usize, rungs: &[Vec<Rung>], tree: &Node, problem
                 let path = format!("{above}.{}.set.{i}", size.name());
                 let changed = assignment(assigned).and_then(|(key, value)| set(&first.spec, key, value));
                 if let Err(e) = changed {
-                    let message = format!(
-                        "{assigned}: {} ({})",
-                        e.to_string().lines().next().unwrap_or_default(),
-                        ladder.from
-                    );
+                    let first = e.problems().into_iter().next().unwrap_or_default();
+                    let message = format!("{assigned}: {first} ({})", ladder.from);
                     problems.push(Problem::other(&path, message).at(&tree.find(&path).0));
                 }
             }

@@ -101,7 +101,7 @@ pub(super) fn field_of(sheet: TextTable, given: &Conventions) -> Result<Field> {
     let style = sheet.rows(|cells| {
         let pair = match cells.number_or_nan(pair)? {
             p if p.is_nan() => None,
-            p => Some(converter.frame(p).map_err(|e| e.replace("frame", "pair"))?),
+            p => Some(converter.pair(p)?),
         };
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         let Some(at) = converter.position(cells.number(x)?, cells.number(y)?, z_um)? else {

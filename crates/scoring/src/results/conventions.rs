@@ -241,11 +241,20 @@ impl Converter {
 
     /// Converts a frame number to one counted from 0, or returns an error message.
     pub(crate) fn frame(&self, value: f64) -> std::result::Result<u32, String> {
-        let frame = value - self.frame_base as f64;
-        if value.fract() != 0.0 || !(0.0..=f64::from(u32::MAX - 1)).contains(&frame) {
-            return Err(format!("frame = {value:?}: expected a whole number from {} on", self.frame_base));
+        self.number("frame", value)
+    }
+
+    /// The same for the number of an image pair.
+    pub(crate) fn pair(&self, value: f64) -> std::result::Result<u32, String> {
+        self.number("pair", value)
+    }
+
+    fn number(&self, column: &str, value: f64) -> std::result::Result<u32, String> {
+        let number = value - self.frame_base as f64;
+        if value.fract() != 0.0 || !(0.0..=f64::from(u32::MAX - 1)).contains(&number) {
+            return Err(format!("{column} = {value:?}: expected a whole number from {} on", self.frame_base));
         }
-        Ok(frame as u32)
+        Ok(number as u32)
     }
 
     /// Converts a displacement to px, y downward.
