@@ -443,8 +443,7 @@ impl Fit<'_> {
             at: [pose.at[0] + made[1], pose.at[1] + made[2]],
             z_um,
             axis,
-            e_p: (pose.e_p * made[6].exp())
-                .clamp(ParticleShape::ASPECTS.least, ParticleShape::ASPECTS.most),
+            e_p: (pose.e_p * made[6].exp()).clamp(ParticleShape::ASPECTS.least, ParticleShape::ASPECTS.most),
             brightness: pose.brightness + made[0],
         };
         (moved, turned, made)
