@@ -15,14 +15,12 @@ use crate::dataset::ScenarioText;
 use crate::object::Object;
 use crate::run::{OnInterrupt, Show, run};
 
-/// Runs a verb; `arguments` begin with the program's name. Gives its result (None if it has none), the same as
-/// text, warnings, and the checks that failed.
+/// The result of a verb (None if it has none), the same as text, warnings, and the checks that failed.
+type Said = (Option<Object>, String, Vec<String>, Vec<String>);
+
+/// Runs a verb; `arguments` begin with the program's name.
 #[pyfunction]
-fn call(
-    py: Python<'_>,
-    arguments: Vec<OsString>,
-    show: Show<'_>,
-) -> PyResult<(Option<Object>, String, Vec<String>, Vec<String>)> {
+fn call(py: Python<'_>, arguments: Vec<OsString>, show: Show<'_>) -> PyResult<Said> {
     let answer = run(py, show, OnInterrupt::Wait, move |progress| Cli::call(&arguments, progress.clone()))?;
     Ok((answer.result.map(Object), answer.text, answer.warnings, answer.failures))
 }
