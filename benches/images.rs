@@ -32,7 +32,7 @@ fn exposure(c: &mut Criterion) {
         });
     }
     let image = Sensor::new(&settings).expose(&light, &streams, Purpose::BackgroundNoise, 0);
-    let scale = PixelScale { um_per_px: settings.um_per_px(), frame_interval_s: None };
+    let scale = PixelScale::um_per_px(settings.um_per_px());
     group.bench_function("TIFF", |b| {
         let mut file = Vec::with_capacity(3 * pixels);
         b.iter(|| {
