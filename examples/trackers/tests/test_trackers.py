@@ -138,7 +138,7 @@ def test_folder_is_complete(tracker):
     folder = HERE / tracker
     about = tomllib.loads((folder / "tracker.toml").read_text())
     assert about["name"] == tracker
-    assert about["tracks"] and set(about["tracks"]) <= {"P2", "D3", "A3", "T", "V"}
+    assert about["tracks"] and set(about["tracks"]) <= {"P2", "D3", "A3", "T", "V", "S"}
     for key in ("title", "version", "made_for", "out_of_depth", "citation", "url", "license"):
         assert about[key].strip(), key
     lines = (folder / "requirements.txt").read_text().split()
