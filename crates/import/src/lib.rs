@@ -85,10 +85,13 @@ impl ImportOptions {
     /// Largest `field`.
     pub const LARGEST_FIELD: usize = 9;
 
+    /// Pixel sizes of cameras, um, as in scenarios.
+    pub const PIXEL_SIZE_UM: NumberRange =
+        NumberRange { key: "pixel_size_um", least: 0.05, most: 1000.0, unit: "um" };
     /// The allowed values: of the two numbers that give `um_per_px`, of `dt_s`, and of a step of the scan up to its sign.
     pub const RANGES: [NumberRange; 4] = [
         NumberRange { key: "magnification", least: 0.01, most: 1000.0, unit: "" },
-        NumberRange { key: "pixel_size_um", least: 0.05, most: 1000.0, unit: "um" },
+        Self::PIXEL_SIZE_UM,
         NumberRange { key: "dt_s", least: 1e-9, most: 1e6, unit: "s" },
         NumberRange { key: "z_step_um", least: 1e-4, most: 1e4, unit: "um" },
     ];

@@ -10,12 +10,12 @@ use glam::DVec3;
 use microsig_core::cancel::checkpoint;
 
 use super::AspectRatio;
-use super::acceptance::{BRIGHTNESS, LEAST_CORRELATION, LEAST_SIGNIFICANCE};
+use super::acceptance::LEAST_CORRELATION;
 use super::fit::{Agreement, Residual};
 use super::gray_image::{GrayImage, Spline};
 use super::job::Job;
 use super::output::Output;
-use super::shape_fit::Pose;
+use super::shape_fit::{Pose, is_particle};
 use super::shape_templates::{FUNCTIONS, ShapeTemplates, axes, functions, mirrored};
 use super::spheroids::Spheroids;
 use storage::error::Result;
@@ -264,9 +264,7 @@ impl Match {
     }
 
     fn is_particle(&self) -> bool {
-        self.shape.chi2_reduction > LEAST_SIGNIFICANCE.powi(2)
-            && self.correlation > LEAST_CORRELATION
-            && BRIGHTNESS.contains(&self.brightness)
+        is_particle(self.shape.chi2_reduction, self.brightness) && self.correlation > LEAST_CORRELATION
     }
 
     fn subtract(&self, residual: &mut Residual, templates: &ShapeTemplates) {

@@ -14,6 +14,7 @@ use fit::{
     Astigmatic, ExtraParameter, FieldFit, FieldOptions, FitOptions, Fitted, Given, Scan, StagePositions,
     Verdict, WaveModel, fit, fit_field,
 };
+use import::ImportOptions;
 use microsig_core::render::waves::{Emission, Layers, Lens};
 use storage::NumberRange;
 use storage::error::{Error, Result};
@@ -162,12 +163,11 @@ fn field_text(fitted: &FieldFit, out: &Path) -> String {
     text
 }
 
-/// The allowed values of options; pixel sizes as in scenarios.
-const RANGES: [NumberRange; 4] = [
+/// The allowed values of options.
+const RANGES: [NumberRange; 3] = [
     NumberRange { key: "wavelength_um", least: 0.1, most: 2.0, unit: "um" },
     NumberRange { key: "fluid", least: 1.0, most: 4.0, unit: "" },
     NumberRange { key: "fluid_depth_um", least: 0.0, most: 1e5, unit: "um" },
-    NumberRange { key: "pixel_size_um", least: 0.05, most: 1000.0, unit: "um" },
 ];
 
 impl Fit {
@@ -267,7 +267,7 @@ impl Fit {
             let idle = idle.into_iter().filter(|(_, given)| *given);
             problems.extend(idle.map(|(name, _)| format!("--{name}: expected with --model waves only")));
         }
-        let [wavelength, fluid, fluid_depth, pixel_size] = &RANGES;
+        let ([wavelength, fluid, fluid_depth], pixel_size) = (&RANGES, ImportOptions::PIXEL_SIZE_UM);
         if !pixel_size.allows(self.pixel_size) {
             // The same hint as for scenarios (`scenario::language::read`).
             let um = (self.pixel_size * 1e12).round() / 1e6;
