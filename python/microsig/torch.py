@@ -40,7 +40,7 @@ class StreamDataset(IterableDataset):  # type: ignore[misc,type-arg,unused-ignor
         self._first = stream.position
         # Number of epochs started by each worker; in shared memory, because workers have copies and may be
         # new in every epoch.
-        self._epochs = torch.zeros(WORKERS, dtype=torch.int64).share_memory_()
+        self._epochs = torch.zeros(WORKERS, dtype=torch.int64).share_memory_()  # type: ignore[no-untyped-call,unused-ignore]
 
     def __len__(self) -> int:
         """Number of batches in an epoch."""

@@ -373,3 +373,19 @@ fn a_rod_in_shear_turns_in_its_images_as_jeffery_says() {
     assert!(turned > 3.0, "{turned}");
     assert!(worst < 0.3_f64.to_radians(), "{} degrees", worst.to_degrees());
 }
+
+#[test]
+fn photons_refer_to_the_mean_diameter_of_the_tracks() {
+    let place = tempfile::tempdir().unwrap();
+    write(place.path(), "tracks.csv", "frame,track,x_um,y_um,z_um,d_um\n0,1,-10,0,-25,3\n0,2,10,0,-25,5\n");
+    let image_of = |name: &str, reference: &str| {
+        let sections = format!(
+            "motion: tracks(file: \"tracks.csv\"), particles: (diameter_um: constant(2), \
+             photons: (emitted: constant(1e6){reference})), timing: sequence(frames: 1)"
+        );
+        suite::counts(&generate(place.path(), name, &sections).join("images/frame_00000.tif")).unwrap()
+    };
+    let default = image_of("default", "");
+    assert_eq!(default, image_of("four", ", reference_um: 4"));
+    assert_ne!(default, image_of("two", ", reference_um: 2"));
+}

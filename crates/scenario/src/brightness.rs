@@ -70,7 +70,7 @@ pub struct Photons {
     /// Diameter of a particle that emits `emitted` photons.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(
-        extend("x-range" = SIZES, "x-default" = "the mean of `diameter_um`"),
+        extend("x-range" = SIZES, "x-default" = "the mean diameter"),
         example = 2.0
     )]
     pub reference_um: Option<f64>,
@@ -160,8 +160,14 @@ enum Unit {
 }
 
 impl PhotonScale {
-    /// The conversion for a renderer and its settings; `mean_um` (um) is the default reference diameter.
-    pub(super) fn new(photons: &Photons, renderer: &RendererSpec, settings: &Settings, mean_um: f64) -> Self {
+    /// The conversion for a renderer and its settings; `reference_um`: diameter (um) of a particle that emits the
+    /// given number of photons.
+    pub(super) fn new(
+        grow_with: Growth,
+        reference_um: f64,
+        renderer: &RendererSpec,
+        settings: &Settings,
+    ) -> Self {
         let unit = match renderer.spot() {
             None => Unit::Rays(renderer.spheroid_law()),
             Some(spot) => Unit::Spots {
@@ -170,12 +176,7 @@ impl PhotonScale {
                 reference_um: spot.reference_um,
             },
         };
-        PhotonScale {
-            grow_with: photons.grow_with,
-            reference_um: photons.reference_um.unwrap_or(mean_um),
-            settings: settings.clone(),
-            unit,
-        }
+        PhotonScale { grow_with, reference_um, settings: settings.clone(), unit }
     }
 
     /// `c_int` of a particle; `photons` is the number that a sphere of the reference diameter emits.

@@ -120,15 +120,11 @@ pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -
     None
 }
 
-/// Fills in the defaults of `particles.photons` and checks the keys that conflict with it.
-pub(super) fn photons(
-    spec: &mut Spec,
-    settings: Option<&Settings>,
-    mean_um: Option<f64>,
-    problems: &mut Problems,
-) {
-    let Some(photons) = &mut spec.particles.photons else { return };
-    photons.reference_um = photons.reference_um.or(mean_um);
+/// Checks the keys that conflict with `particles.photons`.
+pub(super) fn photons(spec: &mut Spec, settings: Option<&Settings>, problems: &mut Problems) {
+    if spec.particles.photons.is_none() {
+        return;
+    }
     if spec.particles.c_int != Brightness::default() {
         problems
             .other("particles.c_int", "expected nothing: particles.photons says how bright particles are");

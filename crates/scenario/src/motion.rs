@@ -6,7 +6,7 @@ use dataset::{Row, TrackRow};
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
 use flows::registry::DepthRange;
 use flows::scale::Scale;
-use flows::{RecordedTracks, VelocityField};
+use flows::{Diameters, RecordedTracks, VelocityField};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -124,6 +124,22 @@ pub enum MotionSource {
     Field(Arc<dyn VelocityField>),
     /// Tracks.
     Tracks(RecordedTracks),
+}
+
+impl MotionSource {
+    /// Smallest, mean and largest diameter of the particles, um: of `drawn`, unless rows of the tracks give it.
+    pub(super) fn diameters_um(&self, drawn: &Diameters) -> [f64; 3] {
+        let own = [drawn.min(), drawn.mean(), drawn.max()];
+        let rows = match self {
+            MotionSource::Tracks(tracks) if tracks.rows().iter().any(|row| row.d_um.is_some()) => {
+                tracks.rows()
+            }
+            _ => return own,
+        };
+        let of = |k: usize| rows.iter().map(move |row| row.d_um.unwrap_or(own[k]));
+        let mean = of(1).sum::<f64>() / rows.len() as f64;
+        [of(0).fold(f64::INFINITY, f64::min), mean, of(2).fold(0.0, f64::max)]
+    }
 }
 
 impl Flow {

@@ -142,8 +142,7 @@ impl Sections {
         spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, problems);
         drawing::mode(spec, problems);
         drawing::calibration(spec, z_um, problems);
-        let mean_um = diameters.as_ref().map(Diameters::mean);
-        drawing::photons(spec, settings.as_ref(), mean_um, problems);
+        drawing::photons(spec, settings.as_ref(), problems);
         Some(Sections {
             settings: settings?,
             detector,
@@ -161,14 +160,16 @@ impl Sections {
         let Sections { settings, detector, recordings, z_um, diameters, mut cloud, illumination, field } =
             self;
         let imaging = Imaging::resolve(spec, (settings, detector), found)?;
-        cloud.photons = spec
-            .particles
-            .photons
-            .map(|photons| PhotonScale::new(&photons, &spec.renderer(), &imaging.settings, diameters.mean()));
         let motion = match field {
             Some(field) => MotionSource::Field(field),
             None => tracks(&mut spec.motion, &imaging, found)?,
         };
+        if let Some(photons) = &mut spec.particles.photons {
+            let reference_um = *photons.reference_um.get_or_insert(motion.diameters_um(&diameters)[1]);
+            let grow_with = photons.grow_with;
+            cloud.photons =
+                Some(PhotonScale::new(grow_with, reference_um, &spec.renderer(), &imaging.settings));
+        }
         let longest_um = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
         let has_field = matches!(motion, MotionSource::Field(_));
         let margin_px = volume::margin_px(spec, &imaging, (z_um, longest_um), has_field, found);

@@ -131,15 +131,7 @@ impl Scenario {
     /// Smallest, mean and largest diameter of the particles, um: recorded tracks may give the diameter in
     /// each row.
     pub fn diameters_um(&self) -> [f64; 3] {
-        let drawn = self.seeding.diameters();
-        let own = [drawn.min(), drawn.mean(), drawn.max()];
-        let rows = self.tracks().map(RecordedTracks::rows).unwrap_or_default();
-        if rows.iter().all(|row| row.d_um.is_none()) {
-            return own;
-        }
-        let of = |k: usize| rows.iter().map(move |row| row.d_um.unwrap_or(own[k]));
-        let mean = of(1).sum::<f64>() / rows.len() as f64;
-        [of(0).fold(f64::INFINITY, f64::min), mean, of(2).fold(0.0, f64::max)]
+        self.motion.diameters_um(self.seeding.diameters())
     }
 
     /// Diameters that represent those of all particles, um, increasing: each listed diameter, or quantiles of

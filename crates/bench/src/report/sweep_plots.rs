@@ -7,8 +7,7 @@
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
 
-use maud::Markup;
-use serde_json::Value;
+use maud::{Markup, html};
 
 use super::figure::{figure_by_group, names};
 use super::leaderboard::{Entry, axis_text, order_of_axes};
@@ -20,7 +19,7 @@ use storage::error::Result;
 /// A score: its name, its value, and whether the interval of the entry is its 95 % interval.
 type Quantity = (&'static str, fn(&Entry) -> Option<f64>, bool);
 
-const QUANTITIES: [Quantity; 9] = [
+const QUANTITIES: [Quantity; 10] = [
     ("F1", |e| e.f1, true),
     ("recall", |e| e.recall, false),
     ("RMSE xy, px", |e| e.rmse_xy_px, false),
@@ -30,19 +29,25 @@ const QUANTITIES: [Quantity; 9] = [
     ("probability of a valid vector", |e| e.valid_vector_probability, true),
     ("RMS u of inliers, px", |e| e.rms_u_inliers_px, false),
     ("AEE, px", |e| e.aee_px, false),
+    ("bias along x, px", |e| e.bias_x_px, false),
 ];
 
 /// Plots of every score over each parameter, with a line for each tracker and each combination of the other
-/// parameters.
+/// parameters; a parameter that is not plotted is named.
 pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
     let mut axes: Vec<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
     axes.sort_unstable();
     axes.dedup();
     let mut plots = Vec::new();
     for axis in axes {
-        let on_axis = lines_over(axis, entries);
+        let Some(numbers) = numbers_of(axis, entries) else {
+            let why = "its values are not numbers, or differ in more than one number";
+            plots.push(html! { p { "There is no plot over " code { (axis) } ": " (why) "." } });
+            continue;
+        };
+        let on_axis = lines_over(axis, entries, numbers.nth);
         for quantity in QUANTITIES {
-            plots.extend(plot(axis, &on_axis, quantity)?);
+            plots.extend(plot(&numbers.label, &on_axis, quantity)?);
         }
     }
     Ok(plots)
@@ -57,9 +62,39 @@ struct Line<'a> {
     points: Vec<(f64, Vec<&'a Entry>)>,
 }
 
-fn lines_over<'a>(axis: &str, entries: &[&'a Entry]) -> Vec<Line<'a>> {
+/// The number in the values of an axis that places them.
+struct PlacingNumber {
+    nth: usize,
+    label: String,
+}
+
+/// The number in which values of an axis differ: the value itself, or a component of a vector as in `(12.9, 0, 0)`;
+/// `None` if the values differ in several numbers or in words.
+fn numbers_of(axis: &str, entries: &[&Entry]) -> Option<PlacingNumber> {
+    let values = order_of_axes(entries.iter().filter_map(|e| e.axes.get_key_value(axis)));
+    let (_, stem, first, _) = values.first()?;
+    let same_form = values.iter().all(|(_, s, n, _)| s == stem && n.len() == first.len());
+    let differs = |nth: &usize| values.iter().any(|(_, _, numbers, _)| numbers[*nth] != first[*nth]);
+    if !same_form || first.is_empty() {
+        return None;
+    }
+    let different: Vec<usize> = (0..first.len()).filter(differs).collect();
+    let nth = match different[..] {
+        [] => 0,
+        [nth] => nth,
+        _ => return None,
+    };
+    let label = if first.len() == 1 {
+        axis.to_owned()
+    } else {
+        format!("{axis}, number {} of {}", nth + 1, first.len())
+    };
+    Some(PlacingNumber { nth, label })
+}
+
+fn lines_over<'a>(axis: &str, entries: &[&'a Entry], nth: usize) -> Vec<Line<'a>> {
     let keys: BTreeSet<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
-    let number = |e: &Entry| e.axes.get(axis).and_then(Value::as_f64);
+    let number = |e: &Entry| order_of_axes(e.axes.get_key_value(axis).into_iter()).pop()?.2.get(nth).copied();
     let mut placed: Vec<(f64, String, &Entry)> =
         entries.iter().filter_map(|e| Some((number(e)?, tracker(e), *e))).collect();
     let others = |e: &'a Entry| order_of_axes(e.axes.iter().filter(|(other, _)| *other != axis));
@@ -164,6 +199,8 @@ fn series(
 
 #[cfg(test)]
 mod tests {
+    use serde_json::Value;
+
     use super::*;
 
     fn entry(name: &str, f1: f64, axes: &[(&str, Value)]) -> Entry {
@@ -178,7 +215,7 @@ mod tests {
         let of = |case: usize, x: f64, f1: f64| entry(&format!("ncc/case_{case}"), f1, &[("a.x", x.into())]);
         let entries = [of(0, 1.0, 0.9), of(1, 1.0, 0.7), of(2, 20.0, 0.4), of(3, 20.0, 0.6), of(4, 3.0, 0.5)];
         let entries: Vec<&Entry> = entries.iter().collect();
-        let on_axis = lines_over("a.x", &entries);
+        let on_axis = lines_over("a.x", &entries, 0);
         let [line] = &on_axis[..] else { panic!("{} lines", on_axis.len()) };
         let drawn = series(line, |e| e.f1, true, true);
         // One point for each value, so that no line connects repetitions.
@@ -205,7 +242,7 @@ mod tests {
         for entry in &mut entries {
             (entry.low, entry.high) = (Some(0.4), Some(0.6));
         }
-        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>());
+        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>(), 0);
         let drawn = series(&on_axis[0], |e| e.f1, true, false);
         assert_eq!((drawn.bars, drawn.singles.len()), (vec![(0.4, 0.6); 2], 0));
         let page = plot("x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
@@ -218,7 +255,7 @@ mod tests {
         let of =
             |noise: f64| entry("ncc/case_0", 0.5, &[("o.noise", noise.into()), ("n.count", 16.0.into())]);
         let entries = values.map(of);
-        let on_axis = lines_over("n.count", &entries.iter().collect::<Vec<_>>());
+        let on_axis = lines_over("n.count", &entries.iter().collect::<Vec<_>>(), 0);
         let fixed: Vec<&str> = on_axis.iter().map(|line| line.fixed.as_str()).collect();
         assert_eq!(fixed, ["noise = 0", "noise = 20", "noise = 100", "noise = 400"]);
     }
@@ -234,14 +271,14 @@ mod tests {
             entry(&format!("{tracker}/case_{count}"), 0.5, &axes)
         };
         let entries = [of("ncc", 5), of("spots", 5), of("ncc", 9)];
-        let page = plot("x", &lines_over("x", &entries.iter().collect::<Vec<_>>()), QUANTITIES[0]);
+        let page = plot("x", &lines_over("x", &entries.iter().collect::<Vec<_>>(), 0), QUANTITIES[0]);
         let page = page.unwrap().unwrap().into_string();
         let (ncc, spots) = (page.find("<b>ncc</b>: ").unwrap(), page.find("<b>spots</b>: ").unwrap());
         assert!(page[ncc..spots].contains("number.count = 5, pairs.count = 2"), "{page}");
         assert!(page[ncc..spots].contains("number.count = 9, pairs.count = 2"), "{page}");
         assert!(page[spots..].contains("number.count = 5") && !page[spots..].contains("number.count = 9"));
         let alone = [entry("ncc/case_0", 0.5, &[("x", 1.0.into())])];
-        let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>()), QUANTITIES[0]);
+        let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>(), 0), QUANTITIES[0]);
         assert!(page.unwrap().unwrap().into_string().contains("<b>ncc</b> <span"));
     }
 
@@ -258,11 +295,27 @@ mod tests {
     fn a_logarithmic_axis_has_ticks_at_its_values() {
         let of = |x: f64| entry("ncc", 0.5, &[("x", x.into())]);
         let entries = [4.0, 16.0, 64.0, 256.0].map(of);
-        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>());
+        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>(), 0);
         let page = plot("x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
         assert!(page.contains("F1 against x (logarithmic)."));
         for tick in ["4", "16", "64", "256"] {
             assert!(page.lines().any(|line| line.trim() == tick), "{tick} is no tick");
+        }
+    }
+
+    #[test]
+    fn vectors_are_placed_by_the_component_that_differs() {
+        let page = |values: [&str; 3]| {
+            let of = |value: &str| entry("piv", 0.5, &[("velocity", value.into())]);
+            let entries = values.map(of);
+            let plots = axis_plots(&entries.iter().collect::<Vec<_>>()).unwrap();
+            plots.into_iter().map(Markup::into_string).collect::<String>()
+        };
+        let vectors = page(["(-12.9, 0, 1)", "(0, 0, 1)", "(25, 0, 1)"]);
+        assert!(vectors.contains("F1 against velocity, number 1 of 3"), "{vectors}");
+        assert_eq!(numbers_of("x", &[&entry("a", 0.5, &[("x", 3.into())])]).unwrap().label, "x");
+        for values in [["(0, 1)", "(1, 2)", "(2, 3)"], ["spherical", "cylindrical", "spherical"]] {
+            assert!(page(values).starts_with("<p>There is no plot over <code>velocity</code>"));
         }
     }
 }
