@@ -209,7 +209,7 @@ def evaluate(
     :param y: which way y grows in the result
     :param frame_base: number of the result's first frame
     :param um_per_px: object-space length of a pixel, um, for a bare table
-    :param depth_um: depth range, um, for a bare table
+    :param depth_um: depth range in which particles are scored, um, by default that of the dataset; needed for a bare table
     :param plane_um: score a field against the plane of the truth nearest to this depth, um
     :param auto_offset: report which shift of the whole result would fit best; it is never applied
     :param crlb: add the Cramer-Rao bound of the optics

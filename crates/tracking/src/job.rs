@@ -128,7 +128,8 @@ impl<'a> Job<'a> {
         if let Some(moved_px) = beyond {
             self.warn(format!(
                 "particles of this dataset move by up to {moved_px:.1} px from frame to frame, and --max-displacement is \
-                 {range_px} px: links of the fastest may be missed or wrong"
+                 {range_px} px: links are missed or wrong; try --max-displacement {}",
+                moved_px.ceil()
             ));
         }
         beyond.is_some()

@@ -15,7 +15,8 @@ from .dataset import Dataset, fail, write_field, write_points
 
 
 def evaluate(dataset, result, rules=()):
-    """score.json of a result, by further options of `microsig evaluate`. `MICROSIG` names the program, by default `microsig`."""
+    """score.json of a result, by further options of `microsig evaluate`. `MICROSIG` names the program, by default `microsig`.
+    Raises RuntimeError if the result cannot be scored, such as one without any depth under `--dims 3`."""
     program = os.environ.get("MICROSIG", "microsig")
     try:
         run = subprocess.run([program, "evaluate", str(dataset), str(result), *rules, "--json", "--quiet"],
@@ -23,7 +24,7 @@ def evaluate(dataset, result, rules=()):
     except FileNotFoundError:
         fail(f"{program} is not installed; set MICROSIG to its path")
     if run.returncode:
-        fail(f"microsig evaluate: {run.stderr.strip()}")
+        raise RuntimeError(f"microsig evaluate: {run.stderr.strip()}")
     return json.loads(run.stdout)
 
 

@@ -133,6 +133,19 @@ def test_few_vectors_are_worse_than_a_field():
     assert set(tuning.OBJECTIVES) == {tuning.points_score, tuning.tracks_score, tuning.field_score}
 
 
+def test_a_search_goes_on_after_a_result_that_cannot_be_scored(datasets, tmp_path, monkeypatch):
+    def track(dataset, params):
+        return [(0, None, 10.0, 10.0, *([20.0] if params["depth"] else []))]
+
+    place = datasets("spherical")
+    monkeypatch.setattr(sys, "argv", ["tune.py", str(place), "--out", str(tmp_path / "p.json"), "--evaluate=--dims 3"])
+    tuning.tune_main(track, {"depth": False}, {"depth": [True]})
+    assert json.loads((tmp_path / "p.json").read_text()) == {"depth": True}
+    with open(tmp_path / "tuning.csv", newline="") as file:
+        scores = [float(row["score"]) for row in csv.DictReader(file)]
+    assert scores[0] == float("-inf") and scores[1] >= 0.0
+
+
 @pytest.mark.parametrize("tracker", sorted(path.parent.name for path in HERE.glob("*/tracker.toml")))
 def test_folder_is_complete(tracker):
     folder = HERE / tracker

@@ -62,7 +62,7 @@ pub(super) struct Evaluate {
     /// Pixel size in object space [default: the dataset's]
     #[arg(long, value_name = "UM")]
     um_per_px: Option<f64>,
-    /// Depth range [default: the dataset's]
+    /// Depth range in which particles are scored; its extent is h [default: the dataset's]
     #[arg(long, value_names = ["UM", "UM"], num_args = 2)]
     depth: Option<Vec<f64>>,
     /// Score a field against the truth plane nearest to this depth [default: where particles are in best

@@ -8,7 +8,7 @@ use super::matching::{Cost, optimal};
 use super::neighbors::neighbor_pairs;
 use super::statistics::quantile;
 use super::track_set::side_by_side;
-use super::truth::{ScoredPoints, TrueParticles};
+use super::truth::{Region, ScoredPoints, TrueParticles};
 use crate::results::{Points, Position, TrackRow};
 use storage::error::Result;
 
@@ -34,7 +34,7 @@ pub struct ConventionCheck<'a> {
     is_empty: bool,
     gate: Gate,
     flat: bool,
-    border_px: f64,
+    region: Region,
 }
 
 /// The hint for a result without rows.
@@ -63,7 +63,7 @@ type Suspect<'a> = (String, String, Convention<'a>);
 
 impl<'a> ConventionCheck<'a> {
     /// Takes a sample of frames from truth and result; the arguments are those the result is scored with.
-    pub fn new(truth: &TrueParticles, result: &'a Points, gate: &Gate, flat: bool, border_px: f64) -> Self {
+    pub fn new(truth: &TrueParticles, result: &'a Points, gate: &Gate, flat: bool, region: Region) -> Self {
         let mut sizes = std::collections::BTreeMap::<u32, usize>::new();
         truth.rows.iter().for_each(|row| *sizes.entry(row.frame).or_default() += 1);
         for row in &result.rows {
@@ -86,7 +86,7 @@ impl<'a> ConventionCheck<'a> {
             is_empty: result.rows.is_empty() && result.n_nan == 0,
             gate: *gate,
             flat,
-            border_px,
+            region,
         }
     }
 
@@ -425,7 +425,7 @@ impl<'a> ConventionCheck<'a> {
     ) -> Result<ScoredPoints> {
         let rows = self.rows.iter().filter_map(convention).filter(|row| row.frame < self.end).collect();
         let points = Points { rows, ..Points::default() };
-        self.truth.scored(&points, gate, self.flat, self.border_px)
+        self.truth.scored(&points, gate, self.flat, self.region)
     }
 }
 

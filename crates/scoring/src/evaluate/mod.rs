@@ -58,7 +58,7 @@ use storage::advice;
 use storage::advice::Named;
 use storage::error::{Error, Result};
 use track_set::TrackSet;
-use truth::{ScoredPoints, TrueParticles};
+use truth::{Region, ScoredPoints, TrueParticles};
 use units::Divided;
 pub use units::UnitScores;
 
@@ -208,13 +208,18 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let gate = options::gate(truth, depth, options)?;
     let h = truth.facts.depth_h_um();
     let isbi_gate_px = options.isbi_gate_px.unwrap_or(ScoringGates::ISBI_PX);
-    let scored = truth.scored(points, &gate, !depth, options.border_px)?;
+    let region = Region { border_px: options.border_px, depth_um: options.conventions.depth_um };
+    let scored = truth.scored(points, &gate, !depth, region)?;
+    if let (0, Some((low, high))) = (scored.truth.len(), region.depth_um.filter(|_| !truth.rows.is_empty())) {
+        let what = format!(" {low} {high}: no true particle in this range, um");
+        return Err(Error::Options(advice!(Named::Depth, what)));
+    }
     let (t, r) = (&scored.truth, &scored.result);
     let matching = matching::optimal(t, r, &gate, Cost::Squares)?;
     let bootstrap = &Bootstrap { seed: options.seed, pairs: truth.facts.pairs };
     let detection = Detection::of(t, r, &matching, depth, bootstrap);
 
-    let convention_check = ConventionCheck::new(truth, points, &gate, !depth, options.border_px);
+    let convention_check = ConventionCheck::new(truth, points, &gate, !depth, region);
     let hints = convention_check.hints(&detection)?;
     let offset = if options.auto_offset { convention_check.offset()? } else { None };
     let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();

@@ -328,6 +328,7 @@ impl Total {
 
 #[cfg(test)]
 mod tests {
+    use super::super::truth::Region;
     use super::*;
     use crate::evaluate::gate::Gate;
     use crate::evaluate::matching::{Cost, optimal};
@@ -355,7 +356,7 @@ mod tests {
         };
         let points = Points { rows, ..result };
         let gate = Gate::radial(2.0);
-        let scored = truth.scored(&points, &gate, true, 0.0).unwrap();
+        let scored = truth.scored(&points, &gate, true, Region::default()).unwrap();
         let matching = &optimal(&scored.truth, &scored.result, &gate, Cost::Squares).unwrap();
         let (reported, note) = match reported(&truth, &points) {
             Ok(velocities) => (velocities, None),

@@ -154,12 +154,13 @@ impl TrueParticles {
         }
     }
 
-    /// Selects the scored points of truth and result. `flat` ignores depth; particles within `border_px` of
-    /// the sensor's edge are not scored, nor are ghosts there.
+    /// Selects the scored points of truth and result. `flat` ignores depth; particles outside the region are not
+    /// scored, nor are ghosts there.
     ///
     /// # Errors
     /// A gate so wide that a frame has too many pairs.
-    pub fn scored(&self, result: &Points, gate: &Gate, flat: bool, border_px: f64) -> Result<ScoredPoints> {
+    pub fn scored(&self, result: &Points, gate: &Gate, flat: bool, region: Region) -> Result<ScoredPoints> {
+        let Region { border_px, depth_um } = region;
         let at = |row: &TrackRow| if flat { Position { z_um: 0.0, ..row.at } } else { row.at };
         let ignored: Vec<bool> = (0..self.rows.len()).map(|i| !self.is_scored(i, border_px)).collect();
         let loose = |(i, r): (usize, &TrackRow)| {
@@ -167,11 +168,16 @@ impl TrueParticles {
             UnsortedPoint { frame: r.frame, track, at: at(r), source: i as u32 }
         };
         let mut dropped = vec![false; result.rows.len()];
-        let at_border: Vec<bool> = result.rows.iter().map(|row| !self.is_clear(&row.at, border_px)).collect();
-        if ignored.contains(&true) || at_border.contains(&true) {
+        // A range that contains the whole truth is that of the measurement: ghosts beyond it are counted.
+        let is_beyond = |at: &Position| depth_um.is_some_and(|(low, high)| !(low..=high).contains(&at.z_um));
+        let is_part = !flat && self.rows.iter().any(|row| is_beyond(&row.at));
+        let is_outside =
+            |row: &TrackRow| !self.is_clear(&row.at, border_px) || (is_part && is_beyond(&row.at));
+        let outside: Vec<bool> = result.rows.iter().map(is_outside).collect();
+        if ignored.contains(&true) || outside.contains(&true) {
             let unscored =
                 self.rows.iter().zip(&ignored).filter(|(_, ignored)| **ignored).map(|(r, _)| r.frame);
-            let ghosts = result.rows.iter().zip(&at_border).filter(|(_, b)| **b).map(|(r, _)| r.frame);
+            let ghosts = result.rows.iter().zip(&outside).filter(|(_, b)| **b).map(|(r, _)| r.frame);
             let with_unscored: std::collections::BTreeSet<u32> = unscored.chain(ghosts).collect();
             let part = |rows: &[TrackRow]| {
                 let part = rows.iter().enumerate().filter(|(_, r)| with_unscored.contains(&r.frame));
@@ -182,7 +188,7 @@ impl TrueParticles {
             for (r, &t) in matching.of_result.iter().enumerate() {
                 let source = results.points[r].source as usize;
                 dropped[source] = match t {
-                    NONE => at_border[source],
+                    NONE => outside[source],
                     t => ignored[truths.points[t as usize].source as usize],
                 };
             }
@@ -227,6 +233,15 @@ impl TrueParticles {
                 on(at.x_px, width) && on(at.y_px, height)
             })
     }
+}
+
+/// The part of the recorded volume in which particles are scored.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Region {
+    /// Width of the border of the image that does not belong to it, px.
+    pub border_px: f64,
+    /// Depths that an option limits it to, um; `None`: those of the dataset.
+    pub depth_um: Option<(f64, f64)>,
 }
 
 /// The scored points of truth and result.
@@ -420,9 +435,33 @@ mod tests {
             ..TrueParticles::default()
         };
         let result = Points { rows, ..Points::default() };
-        let scored = truth.scored(&result, &Gate::radial(2.0), true, 0.0).unwrap();
+        let scored = truth.scored(&result, &Gate::radial(2.0), true, Region::default()).unwrap();
         assert_eq!((scored.truth.len(), scored.truth.n_tracks(), scored.ignored_truth), (4, 2, 2));
         assert_eq!((scored.result.len(), scored.result.n_tracks(), scored.ignored_result), (4, 2, 2));
+    }
+
+    #[test]
+    fn ghosts_outside_the_scored_depths_are_left_out_if_there_are_particles() {
+        let at =
+            |x_px: f64, z_um: f64| TrackRow { at: Position { x_px, y_px: 10.0, z_um }, ..row(0, -1, x_px) };
+        let of = |depths: [f64; 2], given: Option<(f64, f64)>| {
+            let truth = TrueParticles {
+                facts: RecordingFacts { depth_um: given.or(Some((0.0, 30.0))), ..RecordingFacts::default() },
+                has_z: true,
+                visible: vec![true; 2],
+                rows: vec![at(10.0, depths[0]), at(50.0, depths[1])],
+                ..TrueParticles::default()
+            };
+            // A match, a ghost within 0 to 10 um, and one at 20 um.
+            let rows = vec![at(10.0, 5.0), at(90.0, 5.0), at(30.0, 20.0)];
+            let region = Region { border_px: 0.0, depth_um: given };
+            let gate = Gate::radial(2.0);
+            truth.scored(&Points { rows, ..Points::default() }, &gate, false, region).unwrap().result.len()
+        };
+        assert_eq!(of([5.0, 25.0], Some((0.0, 10.0))), 2);
+        assert_eq!(of([5.0, 25.0], None), 3);
+        // The range of a measurement without particles elsewhere.
+        assert_eq!(of([5.0, 8.0], Some((0.0, 10.0))), 3);
     }
 
     #[test]
@@ -434,8 +473,9 @@ mod tests {
             rows: rows.clone(),
             ..TrueParticles::default()
         };
-        let scored =
-            truth.scored(&Points { rows, ..Points::default() }, &Gate::radial(2.0), true, 0.0).unwrap();
+        let scored = truth
+            .scored(&Points { rows, ..Points::default() }, &Gate::radial(2.0), true, Region::default())
+            .unwrap();
         assert_eq!(scored.truth.links().count(), 2);
     }
 }
