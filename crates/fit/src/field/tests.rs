@@ -202,7 +202,6 @@ fn intervals_of_a_field_cover_its_terms() {
             let found = made.coefficients.iter().find(|c| c.key == key).unwrap();
             *covered.entry(key).or_default() += u32::from((found.value - truth).abs() < 1.96 * found.sd);
         }
-        eprintln!("covered by intervals of {}: {covered:?}", seed + 1);
     }
     let missed = |count: &u32| f64::from(*count) < 0.85 * seeds as f64;
     assert!(!covered.values().any(missed), "covered by intervals of {seeds}: {covered:?}");

@@ -55,10 +55,9 @@ pub use read::{Truth, evaluate_files, evaluate_source};
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
 use storage::advice;
-use storage::advice::Named;
 use storage::error::{Error, Result};
 use track_set::TrackSet;
-use truth::{Region, ScoredPoints, TrueParticles};
+use truth::{ScoredPoints, TrueParticles};
 use units::Divided;
 pub use units::UnitScores;
 
@@ -200,20 +199,12 @@ fn definitions(facts: &RecordingFacts) -> Definitions {
 /// # Errors
 /// Options that do not apply; a gate so wide that a frame has too many pairs.
 pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<Evaluation> {
-    if options.border_px > 0.0 && truth.facts.sensor_px.is_none() {
-        let what = ": a bare table does not contain the size of the images";
-        return Err(Error::Options(advice!(Named::Border, what)));
-    }
     let depth = options::dimensions(truth, points, options)?;
     let gate = options::gate(truth, depth, options)?;
     let h = truth.facts.depth_h_um();
     let isbi_gate_px = options.isbi_gate_px.unwrap_or(ScoringGates::ISBI_PX);
-    let region = Region { border_px: options.border_px, depth_um: options.conventions.depth_um };
+    let region = options::region(truth, options)?;
     let scored = truth.scored(points, &gate, !depth, region)?;
-    if let (0, Some((low, high))) = (scored.truth.len(), region.depth_um.filter(|_| !truth.rows.is_empty())) {
-        let what = format!(" {low} {high}: no true particle in this range, um");
-        return Err(Error::Options(advice!(Named::Depth, what)));
-    }
     let (t, r) = (&scored.truth, &scored.result);
     let matching = matching::optimal(t, r, &gate, Cost::Squares)?;
     let bootstrap = &Bootstrap { seed: options.seed, pairs: truth.facts.pairs };

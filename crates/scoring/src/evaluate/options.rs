@@ -1,7 +1,7 @@
 //! Options of scoring, with defaults from the dataset.
 
 use super::gate::{Edge, Gate, Shape};
-use super::truth::TrueParticles;
+use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};
 use dataset::manifest::ScoringGates;
 use storage::advice;
@@ -70,6 +70,26 @@ pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &Evalu
         Some(3) => Err(Error::Options(advice!(Named::Dims, " 3: truth and result must both have a depth"))),
         Some(other) => Err(Error::Options(advice!(Named::Dims, format!(" {other}: expected 2 or 3")))),
     }
+}
+
+/// The part of the volume that is scored.
+///
+/// # Errors
+/// A border of images of unknown size; depths without particles.
+pub(super) fn region(truth: &TrueParticles, options: &EvaluateOptions) -> Result<Region> {
+    let region = Region { border_px: options.border_px, depth_um: options.conventions.depth_um };
+    if region.border_px > 0.0 && truth.facts.sensor_px.is_none() {
+        let what = ": a bare table does not contain the size of the images";
+        return Err(Error::Options(advice!(Named::Border, what)));
+    }
+    let is_empty = |(low, high): (f64, f64)| {
+        truth.has_z && !truth.rows.iter().any(|row| (low..=high).contains(&row.at.z_um))
+    };
+    if let Some((low, high)) = region.depth_um.filter(|range| !truth.rows.is_empty() && is_empty(*range)) {
+        let what = format!(" {low} {high}: no true particle is in this range of depths, um");
+        return Err(Error::Options(advice!(Named::Depth, what)));
+    }
+    Ok(region)
 }
 
 /// The gate of assignment A1.
