@@ -111,11 +111,28 @@ pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
         ));
     }
     warnings.extend(entries.iter().filter_map(caution));
-    for (entry, score) in &scores {
-        warnings.extend(score.warnings.iter().map(|w| format!("{}: {w}", entry.name)));
-    }
+    warnings.extend(shared(&scores));
     let text = text(&entries, &warnings);
     Ok(Ranking { entries, warnings, text, scores })
+}
+
+/// The warnings of scores, each once with the names of its scores.
+fn shared(scores: &[(Entry, Score)]) -> impl Iterator<Item = String> {
+    let mut named: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (entry, score) in scores {
+        for warning in &score.warnings {
+            match named.iter_mut().find(|(text, _)| text == warning) {
+                Some((_, names)) => names.push(&entry.name),
+                None => named.push((warning, vec![&entry.name])),
+            }
+        }
+    }
+    named.into_iter().map(|(text, names)| match names[..] {
+        [first, second, _, ..] => {
+            format!("{first}, {second} and {} more: {text}", names.len() - 2)
+        }
+        _ => format!("{}: {text}", names.join(", ")),
+    })
 }
 
 /// Reads scores; each is named after its folder.
@@ -342,6 +359,18 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_warning_of_many_scores_is_listed_once() {
+        let of = |name: &str, warnings: &[&str]| {
+            let warnings = warnings.iter().map(|w| (*w).to_owned()).collect();
+            let mut entry = Entry::default();
+            name.clone_into(&mut entry.name);
+            (entry, Score { warnings, ..Score::default() })
+        };
+        let scores = [of("a", &["x", "y"]), of("b", &["x"]), of("c", &["y", "x"]), of("d", &["x"])];
+        assert_eq!(shared(&scores).collect::<Vec<_>>(), ["a, b and 2 more: x", "a, c: y"]);
+    }
 
     #[test]
     fn names_are_no_formulas_and_no_control_sequences() {
