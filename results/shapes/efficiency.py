@@ -1,6 +1,7 @@
 """Errors of `track --method mle --shape spheroid` over the bounds that the tracker reports, and those of `--method ncc`.
 
     python efficiency.py --out OUT [--count 36] [--group 3] [--csv efficiency.csv]
+    python efficiency.py --out OUT --fit-aspect --count 1 --recordings 12 --snr 100 --csv alone.csv
 
 needs `microsig` on the PATH, numpy and pandas. Spheroids lie on a jittered grid, alone or in groups whose images overlap, with random axes, over
 the middle 80 % of the depth range.
@@ -94,6 +95,26 @@ def angle_deg(truth, found):
     return np.degrees(np.arccos(np.clip((n * m).sum(axis=1), -1, 1))), n, m
 
 
+def recorded(folder, optics, render, depth, e_p, args, rng):
+    """A scenario of random spheroids, without noise, and the median of their peaks."""
+    at_px, side = places(args.count, args.group, rng)
+    axis = rng.normal(size=(args.count, 3))
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    low, high = depth
+    margin = 0.1 * (high - low)
+    rows = pd.DataFrame({"frame": 0, "track": np.arange(args.count), "x_px": at_px[:, 0], "y_px": at_px[:, 1],
+                         "z_um": rng.uniform(low + margin, high - margin, args.count), "e_p": e_p,
+                         "axis_x": axis[:, 0], "axis_y": axis[:, 1], "axis_z": axis[:, 2]})
+    rows.attrs["side"] = side
+    scenario(folder, optics, render, depth, rows, 1.0)
+    cpu("microsig", "generate", folder / "scenario.ron", "--out", folder / "clean", "--force", "--quiet")
+    return rows, pd.read_csv(folder / "clean/truth/tracks.csv").peak_counts.median()
+
+
+def joined(parts):
+    return pd.concat(parts, ignore_index=True)
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path, required=True)
@@ -101,36 +122,32 @@ def main():
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--optics", nargs="*", default=list(OPTICS))
     parser.add_argument("--group", type=int, default=1)
-    parser.add_argument("--fit-aspect", action="store_true")
+    parser.add_argument("--snr", type=int, nargs="*", default=[20, 100])
+    parser.add_argument("--recordings", type=int, default=1, help="of --count particles each")
+    parser.add_argument("--fit-aspect", action="store_true", help="without ncc")
     args = parser.parse_args()
     rng = np.random.default_rng(3)
     results = []
     for name in args.optics:
-        optics, render, (low, high) = OPTICS[name]
+        optics, render, depth = OPTICS[name]
         for e_p in (2.0, 0.4):
-            at_px, side = places(args.count, args.group, rng)
-            axis = rng.normal(size=(args.count, 3))
-            axis /= np.linalg.norm(axis, axis=1)[:, None]
-            margin = 0.1 * (high - low)
-            rows = pd.DataFrame({"frame": 0, "track": np.arange(args.count), "x_px": at_px[:, 0], "y_px": at_px[:, 1],
-                                 "z_um": rng.uniform(low + margin, high - margin, args.count), "e_p": e_p,
-                                 "axis_x": axis[:, 0], "axis_y": axis[:, 1], "axis_z": axis[:, 2]})
-            rows.attrs["side"] = side
-            folder = args.out / f"{name.replace(', ', '_')}_{e_p}"
-            scenario(folder, optics, render, (low, high), rows, 1.0)
-            cpu("microsig", "generate", folder / "scenario.ron", "--out", folder / "clean", "--force", "--quiet")
-            peak = pd.read_csv(folder / "clean/truth/tracks.csv").peak_counts.median()
-            for snr in (20, 100):
-                made, result = folder / f"snr_{snr}", folder / f"snr_{snr}.csv"
-                scenario(folder, optics, render, (low, high), rows, round(peak / snr, 2))
-                cpu("microsig", "generate", folder / "scenario.ron", "--out", made, "--force", "--quiet")
+            folders = [args.out / f"{name.replace(', ', '_')}_{e_p}" / str(k) for k in range(args.recordings)]
+            made_of = [(folder, *recorded(folder, optics, render, depth, e_p, args, rng)) for folder in folders]
+            for snr in args.snr:
                 ratio = [] if args.fit_aspect else ["--aspect-ratio", e_p]
-                truth = pd.read_csv(made / "truth/tracks.csv")
-                found, near, seconds = track("mle", made, result, truth, ratio)
+                truths, by = [], {"mle": []} if args.fit_aspect else {"mle": [], "ncc": []}
+                for folder, rows, peak in made_of:
+                    made = folder / f"snr_{snr}"
+                    scenario(folder, optics, render, depth, rows, round(peak / snr, 2))
+                    cpu("microsig", "generate", folder / "scenario.ron", "--out", made, "--force", "--quiet")
+                    truths.append(pd.read_csv(made / "truth/tracks.csv"))
+                    for method, of in by.items():
+                        of.append(track(method, made, folder / f"{method}_{snr}.csv", truths[-1], ratio))
+                truth = joined(truths)
+                found, near, seconds = (part(of) for part, of in zip((joined, np.concatenate, np.mean), zip(*by["mle"])))
                 # Of axes that images do not tell, the tracker gives two.
                 one = found.other_likelihood.isna()
                 errors = angles(truth[near].reset_index(drop=True)[one].reset_index(drop=True), found[one].reset_index(drop=True))
-                errors.to_csv(folder / f"errors_{snr}.csv", index=False)
                 # Of a normal distribution, the median and the 90th percentile are 0.674 and 1.645 standard deviations, of a
                 # chi-square with two degrees of freedom 1.386 and 4.605.
                 axis_of = lambda q, of: float(np.sqrt(of / errors.chi2.quantile(q)))
@@ -141,12 +158,17 @@ def main():
                        **{f"efficiency_{k}_median": 0.6745 / place[k].median() for k in "xyz"},
                        **{f"efficiency_{k}_p90": 1.645 / place[k].quantile(0.9) for k in "xyz"},
                        "coverage_95": float((errors.chi2 < 5.99).mean()), "cpu_s_per_particle": seconds}
-                found, near, seconds = track("ncc", made, folder / f"ncc_{snr}.csv", truth, ratio)
-                there = truth[near].reset_index(drop=True)
-                angle = pd.Series(angle_deg(there, found)[0])
-                off = {k: (found[k] - there[k]).abs().median() for k in ("x_px", "z_um")}
-                row |= {"ncc_found": int(near.sum()), "ncc_angle_median_deg": angle.median(), "ncc_angle_p90_deg": angle.quantile(0.9),
-                        **{f"ncc_{k}_median": v for k, v in off.items()}, "ncc_cpu_s_per_particle": seconds}
+                if args.fit_aspect:
+                    off = (found.aspect_ratio - e_p) / found.aspect_ratio_sd
+                    row |= {"aspect_error_median": float((found.aspect_ratio / e_p - 1).abs().median()),
+                            "aspect_sd_median": float((found.aspect_ratio_sd / e_p).median()), "aspect_within_2_sd": float((off.abs() < 2).mean())}
+                else:
+                    found, near, seconds = (part(of) for part, of in zip((joined, np.concatenate, np.mean), zip(*by["ncc"])))
+                    there = truth[near].reset_index(drop=True)
+                    angle = pd.Series(angle_deg(there, found)[0])
+                    off = {k: (found[k] - there[k]).abs().median() for k in ("x_px", "z_um")}
+                    row |= {"ncc_found": int(near.sum()), "ncc_angle_median_deg": angle.median(), "ncc_angle_p90_deg": angle.quantile(0.9),
+                            **{f"ncc_{k}_median": v for k, v in off.items()}, "ncc_cpu_s_per_particle": seconds}
                 results.append(row)
                 print(json.dumps({k: round(v, 3) if isinstance(v, float) else v for k, v in row.items()}), flush=True)
     if args.csv:

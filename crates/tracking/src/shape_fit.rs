@@ -69,9 +69,11 @@ pub(super) struct Fitted {
     /// The square of the fit.
     middle: [isize; 2],
     radius: usize,
-    /// The pose at which derivatives were computed, and the normal equations there.
+    /// The pose at which derivatives were computed, and the information (inverse covariance) there of all parameters, the
+    /// last of which, the aspect ratio, is fitted only if it is not known.
     from: Pose,
-    matrix: Vec<f64>,
+    information: [[f64; 7]; 7],
+    parameters: usize,
     pub(super) chi2_reduction: f64,
     /// chi^2 per pixel.
     pub(super) misfit: f64,
@@ -81,7 +83,7 @@ pub(super) struct Fitted {
 
 /// Standard deviations and covariances of a fit.
 pub(super) struct Uncertainty {
-    /// Of x, y (px), z (um), and of the logarithm of the aspect ratio if it is fitted.
+    /// Of x, y (px), z (um), and of the logarithm of the aspect ratio.
     pub(super) deviations: [f64; 4],
     /// Directions of turns of the axis; their variances and their covariance, rad^2.
     pub(super) turns: [DVec3; 2],
@@ -322,9 +324,9 @@ impl Fit<'_> {
         for _ in 0..RENEWALS {
             let region = self.region(residual, &pose);
             let state = self.state(&region, pose, Detail::Full)?;
-            let matrix = self.equations(&region, &state).matrix;
+            let (information, _) = information(&region, &state);
             let now = self.descended(&region, state, Detail::Full);
-            let now = fitted.insert(Fitted::new(&region, now, pose, matrix));
+            let now = fitted.insert(Fitted::new(&region, now, pose, information, self.parameters()));
             if !now.is_far() {
                 break;
             }
@@ -335,11 +337,11 @@ impl Fit<'_> {
 
     /// The same after its surroundings have changed.
     pub(super) fn again(&self, residual: &[f32], fitted: &Fitted) -> Option<Fitted> {
-        let Fitted { state, middle, radius, from, matrix, other, .. } = fitted;
+        let Fitted { state, middle, radius, from, information, parameters, other, .. } = fitted;
         let region = self.weighted(residual, (*middle, *radius), &state.light, state.pose.brightness);
         let chi2 = region.chi2(&state.light, state.pose.brightness);
         let state = self.descended(&region, State { chi2, ..state.clone() }, Detail::Full);
-        let mut now = Fitted::new(&region, state, *from, matrix.clone());
+        let mut now = Fitted::new(&region, state, *from, *information, *parameters);
         if now.is_far() {
             now = self.exact(residual, now.state.pose)?;
         }
@@ -360,22 +362,8 @@ impl Fit<'_> {
 
     /// Normal equations for changes of brightness, x, y, z, turns and the logarithm of the aspect ratio.
     fn equations(&self, region: &Region, state: &State) -> Equations {
-        let n = self.parameters();
-        let (mut matrix, mut right) = (vec![0.0; n * n], vec![0.0; n]);
-        let brightness = state.pose.brightness;
-        for (i, slopes) in state.slopes.iter().enumerate().filter(|(i, _)| region.weight[*i] > 0.0) {
-            let mut by = [0.0; 7];
-            by[0] = state.light[i];
-            (0..6).for_each(|p| by[1 + p] = brightness * slopes[p]);
-            let (weight, rest) = (region.weight[i], region.data[i] - brightness * state.light[i]);
-            for k in 0..n {
-                right[k] += weight * by[k] * rest;
-                for l in 0..=k {
-                    matrix[k * n + l] += weight * by[k] * by[l];
-                }
-            }
-        }
-        Equations { matrix, right }
+        let (matrix, right) = information(region, state);
+        equations(&matrix, &right[..self.parameters()])
     }
 
     /// Levenberg-Marquardt from a start.
@@ -450,22 +438,50 @@ impl Fit<'_> {
     }
 }
 
+/// Information on changes of brightness, x, y, z, turns and the logarithm of the aspect ratio, and what these would gain.
+fn information(region: &Region, state: &State) -> ([[f64; 7]; 7], [f64; 7]) {
+    let (mut matrix, mut right) = ([[0.0; 7]; 7], [0.0; 7]);
+    let brightness = state.pose.brightness;
+    for (i, slopes) in state.slopes.iter().enumerate().filter(|(i, _)| region.weight[*i] > 0.0) {
+        let mut by = [0.0; 7];
+        by[0] = state.light[i];
+        (0..6).for_each(|p| by[1 + p] = brightness * slopes[p]);
+        let (weight, rest) = (region.weight[i], region.data[i] - brightness * state.light[i]);
+        for k in 0..7 {
+            right[k] += weight * by[k] * rest;
+            for l in 0..7 {
+                matrix[k][l] += weight * by[k] * by[l];
+            }
+        }
+    }
+    (matrix, right)
+}
+
+/// Normal equations of the first parameters.
+fn equations(information: &[[f64; 7]; 7], right: &[f64]) -> Equations {
+    let n = right.len();
+    let matrix = information[..n].iter().flat_map(|row| &row[..n]).copied().collect();
+    Equations { matrix, right: right.to_vec() }
+}
+
 impl Fitted {
-    fn new(region: &Region, mut state: State, from: Pose, matrix: Vec<f64>) -> Self {
+    fn new(
+        region: &Region,
+        mut state: State,
+        from: Pose,
+        information: [[f64; 7]; 7],
+        parameters: usize,
+    ) -> Self {
         let (brightness, chi2_reduction) = region.matched(&state.light);
         state.pose.brightness = brightness;
         let pixels = region.weight.iter().filter(|weight| **weight > 0.0).count();
         let misfit = region.chi2(&state.light, brightness) / pixels.max(1) as f64;
         let Region { middle, radius, .. } = *region;
-        Fitted { state, middle, radius, from, matrix, chi2_reduction, misfit, other: None }
+        Fitted { state, middle, radius, from, information, parameters, chi2_reduction, misfit, other: None }
     }
 
     pub(super) fn pose(&self) -> &Pose {
         &self.state.pose
-    }
-
-    fn parameters(&self) -> usize {
-        self.matrix.len().isqrt()
     }
 
     /// Whether the derivatives are those of another place.
@@ -480,25 +496,29 @@ impl Fitted {
             self.state.turned[1],
             (now.e_p / from.e_p).ln(),
         ];
-        let n = self.parameters();
-        let product = |k: usize, l: usize| self.matrix[k.max(l) * n + k.min(l)] * change[k] * change[l];
-        let chi2: f64 = (0..n).flat_map(|k| (0..n).map(move |l| product(k, l))).sum();
+        let product = |k: usize, l: usize| self.information[k][l] * change[k] * change[l];
+        let chi2: f64 = (0..7).flat_map(|k| (0..7).map(move |l| product(k, l))).sum();
         chi2 > FAR * FAR
     }
 
-    /// `None` if the image does not determine the parameters.
-    pub(super) fn uncertainty(&self) -> Option<Uncertainty> {
-        let n = self.parameters();
-        let column = |k: usize| {
-            let right = (0..n).map(|i| if i == k { 1.0 } else { 0.0 }).collect();
-            Equations { matrix: self.matrix.clone(), right }.solved(1e-9)
-        };
+    /// `known` is the standard deviation of the logarithm of an aspect ratio that is not fitted; its error moves all
+    /// parameters, and is independent of the noise of this image. `None` if the image does not determine the parameters.
+    pub(super) fn uncertainty(&self, known: f64) -> Option<Uncertainty> {
+        let n = self.parameters;
+        let unit = |k: usize| (0..n).map(|i| if i == k { 1.0 } else { 0.0 }).collect::<Vec<f64>>();
+        let column = |k: usize| equations(&self.information, &unit(k)).solved(1e-9);
         let columns: Vec<Vec<f64>> = (0..n).map(column).collect::<Option<_>>()?;
-        let deviation = |k: usize| columns[k][k].max(0.0).sqrt();
+        // Change of each parameter with the aspect ratio for which the gradient of chi^2 stays zero.
+        let shift = |k: usize| -> f64 {
+            if n == 7 { 0.0 } else { -(0..n).map(|l| columns[k][l] * self.information[6][l]).sum::<f64>() }
+        };
+        let covariance = |k: usize, l: usize| columns[k][l] + shift(k) * shift(l) * known * known;
+        let deviation = |k: usize| covariance(k, k).max(0.0).sqrt();
+        let of_aspect = if n == 7 { deviation(6) } else { known };
         Some(Uncertainty {
-            deviations: [deviation(1), deviation(2), deviation(3), if n == 7 { deviation(6) } else { 0.0 }],
+            deviations: [deviation(1), deviation(2), deviation(3), of_aspect],
             turns: self.state.turns,
-            covariance: [columns[4][4], columns[5][5], columns[4][5]],
+            covariance: [covariance(4, 4), covariance(5, 5), covariance(4, 5)],
         })
     }
 }
@@ -527,6 +547,46 @@ impl State {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The aspect ratio that one image gives is as uncertain a basis for a second fit of it as the joint fit says.
+    #[test]
+    fn the_error_of_a_measured_aspect_ratio_is_part_of_all_others() {
+        // A change of the aspect ratio looks like a shift in x.
+        let vector = |k: usize| -> [f64; 7] {
+            let by: [f64; 7] = std::array::from_fn(|p| (1.0 + (k * k + 3 * k * p) as f64).sin());
+            std::array::from_fn(|p| if p == 6 { by[6] + 4.0 * by[1] } else { by[p] })
+        };
+        let mut information = [[0.0; 7]; 7];
+        for by in (0..20).map(vector) {
+            (0..7).for_each(|k| (0..7).for_each(|l| information[k][l] += by[k] * by[l]));
+        }
+        let pose = Pose { at: [0.0; 2], z_um: 0.0, axis: DVec3::X, e_p: 2.0, brightness: 1.0 };
+        let turns = [DVec3::Y, DVec3::Z];
+        let state = State {
+            pose,
+            light: Vec::new(),
+            chi2: 0.0,
+            slopes: Vec::new(),
+            axis: DVec3::X,
+            turns,
+            turned: [0.0; 2],
+        };
+        let region = Region { middle: [0; 2], radius: 0, data: Vec::new(), weight: Vec::new() };
+        let of = |parameters: usize, known: f64| {
+            let Uncertainty { deviations, covariance, .. } =
+                Fitted::new(&region, state.clone(), pose, information, parameters)
+                    .uncertainty(known)
+                    .unwrap();
+            deviations.into_iter().chain(covariance).collect::<Vec<f64>>()
+        };
+        let joint = of(7, 0.0);
+        let apart = of(6, joint[3]);
+        assert!(
+            joint.iter().zip(&apart).all(|(a, b)| (a - b).abs() < 1e-6 * a.abs().max(1e-3)),
+            "{joint:?} {apart:?}"
+        );
+        assert!(of(6, 0.0)[0] < 0.5 * joint[0]);
+    }
 
     /// Images that are symmetric about focus at 1 um: the depth with the same image on the other side is found to within
     /// the spacing of the templates, near focus as well.

@@ -39,8 +39,13 @@ const ROUNDS: usize = 3;
 const SAMPLED_FRAMES: usize = 4;
 const SAMPLED: usize = 12;
 
-/// Relative error of an aspect ratio that is not in its standard deviation.
+/// Relative error of an aspect ratio that its standard deviation may lack: of overlapping particles. It limits their weight.
 const ASPECT_ERROR: f64 = 0.02;
+
+/// Standard deviation of the median of normal deviates over that of their mean, and of a normal distribution over its median
+/// absolute deviation.
+const OF_MEDIAN: f64 = 1.253;
+const OF_ABSOLUTE: f64 = 1.483;
 
 /// What trackers know of the aspect ratio.
 #[derive(Debug, Clone, Copy)]
@@ -69,6 +74,13 @@ pub(super) struct Spheroids {
     known: Known,
 }
 
+impl Known {
+    /// Standard deviation of the logarithm of what is known.
+    fn deviation(self) -> f64 {
+        if let Known::Measured(aspect, deviation) = self { deviation / aspect } else { 0.0 }
+    }
+}
+
 impl Spheroids {
     pub(super) fn new(job: &Job, aspect: AspectRatio) -> Result<Self> {
         let busy = job.options.progress.spinner("images of spheroids");
@@ -92,7 +104,7 @@ impl Spheroids {
             job.warn("no particle shows the aspect ratio; each is taken to have its own");
             return Ok(all);
         };
-        job.note(format!("an aspect ratio of {aspect:.2} +- {deviation:.2} by {particles} of the particles"));
+        job.note(format!("an aspect ratio of {aspect:.3} +- {deviation:.3} by {particles} of the particles"));
         let images = all.images.up_to(longest(&[aspect]));
         Ok(Spheroids::with(images, vec![aspect], noise, Known::Measured(aspect, deviation)))
     }
@@ -149,18 +161,27 @@ impl Spheroids {
         // Worse than these are overlapping particles that were taken for one.
         fitted.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
         fitted.truncate(fitted.len().div_ceil(2));
-        let weighted = fitted.iter().filter_map(|fitted| {
-            let deviation = fitted.uncertainty()?.deviations[3];
-            Some((fitted.pose().e_p.ln(), 1.0 / (deviation.powi(2) + ASPECT_ERROR.powi(2))))
+        let measured = fitted.iter().filter_map(|fitted| {
+            let deviation = fitted.uncertainty(0.0)?.deviations[3];
+            Some((fitted.pose().e_p.ln(), deviation))
         });
-        let logarithms: Vec<(f64, f64)> = weighted.collect();
-        let Some(middle) = weighted_median(logarithms.clone()) else { return Ok(None) };
-        let away = logarithms.iter().map(|(value, weight)| ((value - middle).abs(), *weight)).collect();
-        let n = logarithms.len();
-        // Of a median over normal deviations, from their median, but not less than by the fits themselves.
-        let scatter = 1.253 * 1.483 * weighted_median(away).unwrap_or(0.0) / (n as f64).sqrt();
-        let of_fits = logarithms.iter().map(|(_, weight)| weight).sum::<f64>().sqrt().recip();
-        let deviation = scatter.max(of_fits);
+        let measured: Vec<(f64, f64)> = measured.collect();
+        let weight = |deviation: f64| 1.0 / (deviation.powi(2) + ASPECT_ERROR.powi(2));
+        let weighted = |of: &dyn Fn(f64) -> f64| {
+            weighted_median(
+                measured.iter().map(|(value, deviation)| (of(*value), weight(*deviation))).collect(),
+            )
+        };
+        let Some(middle) = weighted(&|value| value) else { return Ok(None) };
+        let n = measured.len();
+        let of_median = if n == 1 { 1.0 } else { OF_MEDIAN };
+        // By the scatter, but not less than by the fits themselves.
+        let away = weighted(&|value| (value - middle).abs()).unwrap_or(0.0);
+        let scatter = of_median * OF_ABSOLUTE * away / (n as f64).sqrt();
+        let weights: f64 = measured.iter().map(|(_, deviation)| weight(*deviation)).sum();
+        let variances: f64 =
+            measured.iter().map(|(_, deviation)| (weight(*deviation) * deviation).powi(2)).sum();
+        let deviation = scatter.max(of_median * variances.sqrt() / weights);
         Ok(Some((middle.exp(), middle.exp() * deviation, n)))
     }
 
@@ -211,7 +232,7 @@ impl Spheroids {
 
     fn localization(&self, fitted: &Fitted) -> Option<Localization> {
         let Uncertainty { deviations: [x, y, z, by_aspect], turns: [u, v], covariance } =
-            fitted.uncertainty()?;
+            fitted.uncertainty(self.known.deviation())?;
         let [uu, vv, uv] = covariance;
         let (mean, half) = (0.5 * (uu + vv), (0.25 * (uu - vv).powi(2) + uv * uv).sqrt());
         let turn = 0.5 * (2.0 * uv).atan2(uu - vv);
