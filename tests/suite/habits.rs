@@ -106,6 +106,9 @@ fn shipped_files_are_known_by_name() {
     assert!(run(&["suite", "list", "odpc1", "--size", "smoke"]).contains("size smoke"));
     let said = fail(2, &["generate", "quikstart"]);
     assert!(said.contains("did you mean `quickstart`?"), "{said}");
+    let output = run_in(place.path(), &["new", "quickstart"], "");
+    assert!(text(&output.stderr).contains("`microsig new --from quickstart`"), "{output:?}");
+    assert!(!place.path().join("quickstart").exists());
     // A file of this name comes first.
     std::fs::write(place.path().join("quickstart"), SCENARIO).unwrap();
     let output = run_in(place.path(), &["optics", "quickstart"], "");

@@ -31,12 +31,22 @@ pub(super) struct New {
     replace: Replace,
 }
 
+fn is_shipped(name: &str) -> bool {
+    Shipped::named(name).is_some() || shipped_suites().contains(&name)
+}
+
 impl New {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         if self.list {
             return list(common);
         }
         let file = self.file.as_deref().unwrap_or(Path::new("-"));
+        if let (None, Some(name)) = (&self.from, file.to_str().filter(|name| is_shipped(name))) {
+            return Err(Error::input(format!(
+                "{name} is a shipped scenario: `microsig new --from {name}` prints it, `microsig new {name}.ron --from {name}` \
+                 copies it, and a template of this name is written to ./{name}"
+            )));
+        }
         // The files that the scenario refers to, and the scenario itself.
         let mut files = Vec::new();
         let (text, verb) = match &self.from {
