@@ -346,7 +346,7 @@ fn combine(columns: &[Vec<String>], how: Combine) -> Option<Vec<Vec<String>>> {
 /// The seed of a case, if an axis gives it.
 fn given_seed(spec: &SweepSpec, values: &[String]) -> Option<u64> {
     let axis = spec.axes.iter().position(|axis| axis.path == "seed")?;
-    values[axis].parse().ok()
+    ron::from_str(&values[axis]).ok()
 }
 
 /// The first 64 bits of a hash of the sweep's seed, the case's values and its repetition number.
@@ -464,8 +464,8 @@ mod tests {
         };
         let cases = of("(path: \"particles.number.count\", values: log(from: 5, to: 20, count: 3))").unwrap();
         assert_eq!(cases.iter().map(|c| c.values[0].as_str()).collect::<Vec<_>>(), ["5", "10", "20"]);
-        let cases = of("(path: \"seed\", values: list([7, 8]))").unwrap();
-        assert_eq!(cases.iter().map(|c| c.seed).collect::<Vec<_>>(), [7, 8]);
+        let cases = of("(path: \"seed\", values: list([7, 1_000, 0x10]))").unwrap();
+        assert_eq!(cases.iter().map(|c| c.seed).collect::<Vec<_>>(), [7, 1000, 16]);
         let twice = of("(path: \"seed\", values: list([7, 7]))").unwrap_err().to_string();
         assert!(twice.contains("axes: 7 occurs twice"), "{twice}");
         let axis = "(path: \"optics.gain\", values: list([1, 2]))";

@@ -19,7 +19,8 @@ pub(crate) fn assigned(root: Schema<'_>, path: &str, value: &str) -> Result<Node
     let whole = Place { source: source.clone(), span: source.value_at..source.text.len() };
     let is_text =
         root.find(path).and_then(|entry| entry.schema).is_some_and(|s| matches!(s.kind(), ValueKind::Text));
-    if is_text && !value.trim_start().starts_with(['"', 'r']) {
+    let is_quoted = ["\"", "r\"", "r#"].iter().any(|quote| value.trim_start().starts_with(quote));
+    if is_text && !is_quoted {
         return Ok(Node { content: Content::Text(value.to_owned()), place: whole });
     }
     parse(&source)

@@ -16,7 +16,7 @@ use super::graft::{assigned, graft};
 use super::problems::Problems;
 use super::schema::{Schema, ValueKind};
 use super::template::{sample, template};
-use super::text::{self, Node};
+use super::text::{self, Content, Node};
 use super::typed;
 use super::write::ron;
 use storage::problem::Source;
@@ -148,6 +148,18 @@ fn around(path: &str) -> (Node, String) {
         }
     }
     (whole, at)
+}
+
+#[test]
+fn quotes_around_a_text_that_is_set_are_optional() {
+    for (value, expected) in
+        [("run1", "run1"), ("\"run1\"", "run1"), ("r\"a\"", "a"), ("r#\"a\"#", "a"), ("run 1", "run 1")]
+    {
+        let Ok(Node { content: Content::Text(text), .. }) = assigned(scenario(), "name", value) else {
+            panic!("{value}")
+        };
+        assert_eq!(text, expected);
+    }
 }
 
 #[test]
