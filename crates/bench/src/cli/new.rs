@@ -43,8 +43,8 @@ impl New {
         let file = self.file.as_deref().unwrap_or(Path::new("-"));
         if let (None, Some(name)) = (&self.from, file.to_str().filter(|name| is_shipped(name))) {
             return Err(Error::input(format!(
-                "{name} is a shipped scenario: `microsig new --from {name}` prints it, `microsig new {name}.ron --from {name}` \
-                 copies it, and a template of this name is written to ./{name}"
+                "{name} is the name of a shipped scenario, sweep or suite: `microsig new --from {name}` prints it, `microsig new \
+                 {name}.ron --from {name}` copies it; for a template of this name, write ./{name}"
             )));
         }
         // The files that the scenario refers to, and the scenario itself.
