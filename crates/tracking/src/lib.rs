@@ -24,6 +24,7 @@ mod locate;
 mod maps;
 mod mle;
 mod ncc;
+mod opposite;
 mod output;
 mod piv;
 mod recorded_noise;
