@@ -140,7 +140,7 @@ type Offer = (String, String, String, Vec<(String, String, String, String)>);
 #[pyfunction]
 fn fields() -> Vec<Offer> {
     let parameter = |p: &flows::params::Parameter| {
-        (p.name.to_owned(), p.default_text(), p.range.to_owned(), p.meaning().to_owned())
+        (p.name.to_owned(), p.default_text(), p.allowed(), p.meaning().to_owned())
     };
     let of = |entry: &registry::FieldEntry| {
         let parameters = entry.parameters.iter().map(parameter).collect();

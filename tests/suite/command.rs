@@ -246,7 +246,7 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
         (
             "name:",
             "truth_grid: grid(spacing_px: 0), name:",
-            "truth_grid.grid.spacing_px = 0: expected a number, 0.1 to 100000 px",
+            "truth_grid.grid.spacing_px = 0: expected a number, 0.1 to 1e5 px",
         ),
         ("poiseuille()", "poisseuille()", "did you mean `poiseuille`"),
         ("pixel_dim_x: 90", "pixel_dim_x: 0", "optics.pixel_dim_x = 0: expected a whole number"),

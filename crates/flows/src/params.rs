@@ -1,14 +1,18 @@
 //! Parameters of fields: structs declared together with their defaults, ranges and descriptions.
 
+use microsig_core::Interval;
+
 /// Description of a parameter, as shown to users.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
     /// Name, with the unit as suffix (no suffix: dimensionless).
     pub name: &'static str,
-    /// Default as a Rust expression; see [`Parameter::default_text`].
+    /// Default as a Rust expression, or in words; see [`Parameter::default_text`].
     pub default: &'static str,
-    /// Allowed range in words.
-    pub range: &'static str,
+    /// Allowed numbers; none for a choice.
+    pub range: Option<Interval>,
+    /// Further requirement, or the choices; empty if there is none.
+    pub condition: &'static str,
     meaning: &'static str,
 }
 
@@ -16,10 +20,11 @@ impl Parameter {
     pub(crate) const fn new(
         name: &'static str,
         default: &'static str,
-        range: &'static str,
+        range: Option<Interval>,
+        condition: &'static str,
         meaning: &'static str,
     ) -> Self {
-        Parameter { name, default, range, meaning }
+        Parameter { name, default, range, condition, meaning }
     }
 
     /// Meaning in one line.
@@ -27,8 +32,17 @@ impl Parameter {
         self.meaning.trim()
     }
 
-    /// The default in scenario syntax: enum variants in snake_case, vectors in parentheses; "by depth range"
-    /// for a default that is derived from the depth range of the scenario.
+    /// The allowed values in words.
+    pub fn allowed(&self) -> String {
+        match self.range {
+            None => self.condition.to_owned(),
+            Some(range) if self.condition.is_empty() => range.to_string(),
+            Some(range) => format!("{range}; {}", self.condition),
+        }
+    }
+
+    /// The default in scenario syntax: enum variants in snake_case, vectors in parentheses; in words, for one
+    /// that depends on the depth range of the scenario or on other parameters.
     pub fn default_text(&self) -> String {
         let choice = |text: &str| {
             let name = text.rsplit("::").next().unwrap_or(text).trim();
@@ -41,9 +55,7 @@ impl Parameter {
             }
             snake
         };
-        if self.default == "None" {
-            "by depth range".to_owned()
-        } else if self.default.contains("::") {
+        if self.default.contains("::") {
             choice(self.default)
         } else {
             self.default.replace('[', "(").replace(']', ")")
@@ -51,18 +63,54 @@ impl Parameter {
     }
 }
 
-/// The default in documents: `otherwise` if there is one.
-pub(crate) const fn default_of(default: &'static str, otherwise: &[&'static str]) -> &'static str {
-    match otherwise {
+/// The first of `texts`; `otherwise` if there is none.
+pub(crate) const fn first_of(texts: &[&'static str], otherwise: &'static str) -> &'static str {
+    match texts {
         [first, ..] => first,
-        [] => default,
+        [] => otherwise,
     }
 }
 
+/// Adds range and condition to the schema of a parameter.
+#[cfg(feature = "schema")]
+pub(crate) fn restricted(
+    range: Option<Interval>,
+    condition: &'static str,
+) -> impl FnMut(&mut schemars::Schema) {
+    move |schema| {
+        for (keyword, bound) in range.iter().flat_map(Interval::keywords) {
+            schema.insert(keyword.to_owned(), bound.into());
+        }
+        if !condition.is_empty() {
+            schema.insert("x-condition".to_owned(), condition.into());
+        }
+    }
+}
+
+/// The range of a parameter: `finite`, `> 0`, `>= 0`, `1 to 10`; `one of` for what is not a number.
+macro_rules! range_of {
+    (one of) => {
+        None
+    };
+    (finite) => {
+        Some(microsig_core::Interval::FINITE)
+    };
+    (> $low:literal) => {
+        Some(microsig_core::Interval::above($low as f64))
+    };
+    (>= $low:literal) => {
+        Some(microsig_core::Interval::at_least($low as f64))
+    };
+    ($low:literal to $high:literal) => {
+        Some(microsig_core::Interval::at_least($low as f64).up_to($high as f64))
+    };
+}
+pub(crate) use range_of;
+
 /// Declares the parameters of a field: a struct of public fields, its `Default`, and the table `PARAMETERS`
-/// of the same names, defaults, ranges and meanings. `#[alias = "..."]` names the key used by older
-/// scenarios, which is still accepted; `#[otherwise = "..."]` says what an optional parameter without a
-/// default by the depth range is unless it is given, and leaves it out of resolved scenarios then.
+/// of the same names, defaults, ranges ([`range_of`], with a condition after a comma) and meanings.
+/// `#[alias = "..."]` names the key used by older scenarios, which is still accepted; `#[otherwise = "..."]`
+/// says what an optional parameter is unless it is given; it is left out of written scenarios then.
 macro_rules! params {
     (
         $(#[$attribute:meta])*
@@ -71,7 +119,7 @@ macro_rules! params {
                 #[doc = $meaning:literal]
                 $(#[alias = $alias:literal])?
                 $(#[otherwise = $otherwise:literal])?
-                $field:ident: $type:ty = $default:expr, $range:literal;
+                $field:ident: $type:ty = $default:expr, [$($range:tt)+] $(, $condition:literal)?;
             )*
         }
     ) => {
@@ -83,13 +131,20 @@ macro_rules! params {
             $(
                 #[doc = $meaning]
                 ///
-                #[doc = concat!("Default `", stringify!($default), "`; ", $range, ".")]
+                #[doc = concat!("Default `", stringify!($default), "`; ", stringify!($($range)+), $(" ", $condition,)? ".")]
                 $(#[cfg_attr(feature = "serde", serde(alias = $alias))])?
                 $(
-                    #[doc = concat!("Unless given ", $otherwise, ".")]
+                    #[doc = concat!("Unless given: ", $otherwise, ".")]
+                    #[cfg_attr(feature = "schema", schemars(extend("x-default" = $otherwise)))]
                     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
                 )?
-                #[cfg_attr(feature = "schema", schemars(description = $meaning, extend("x-range" = $range)))]
+                #[cfg_attr(feature = "schema", schemars(
+                    description = $meaning,
+                    transform = crate::params::restricted(
+                        crate::params::range_of!($($range)+),
+                        crate::params::first_of(&[$($condition)?], ""),
+                    ),
+                ))]
                 $(#[cfg_attr(feature = "schema", schemars(extend("x-formerly" = [$alias])))])?
                 pub $field: $type,
             )*
@@ -106,8 +161,9 @@ macro_rules! params {
             pub const PARAMETERS: &'static [crate::params::Parameter] = &[
                 $(crate::params::Parameter::new(
                     stringify!($field),
-                    crate::params::default_of(stringify!($default), &[$($otherwise)?]),
-                    $range,
+                    crate::params::first_of(&[$($otherwise)?], stringify!($default)),
+                    crate::params::range_of!($($range)+),
+                    crate::params::first_of(&[$($condition)?], ""),
                     $meaning,
                 )),*
             ];
@@ -122,10 +178,17 @@ mod tests {
 
     #[test]
     fn defaults_read_as_in_a_scenario() {
-        let text = |default| Parameter::new("p", default, "", "").default_text();
+        let text = |default| Parameter::new("p", default, None, "", "").default_text();
         assert_eq!(text("[-80.0, 20.0]"), "(-80.0, 20.0)");
         assert_eq!(text("Geometry::HeleShaw"), "hele_shaw");
         assert_eq!(text("1290.0"), "1290.0");
-        assert_eq!(text("None"), "by depth range");
+    }
+
+    #[test]
+    fn range_and_condition_are_worded_together() {
+        let text = |range, condition| Parameter::new("p", "1.0", range, condition, "").allowed();
+        assert_eq!(text(range_of!(> 0), ""), "> 0");
+        assert_eq!(text(range_of!(1 to 100_000), "even"), "1 to 1e5; even");
+        assert_eq!(text(range_of!(one of), "x, y or z"), "x, y or z");
     }
 }

@@ -41,8 +41,9 @@ mod tests {
             assert!(ENTRIES[i + 1..].iter().all(|other| other.name != entry.name), "{}", entry.name);
             assert!(!entry.formula.is_empty() && !entry.source.is_empty(), "{}", entry.name);
             for parameter in entry.parameters {
-                let said = [parameter.meaning(), parameter.range, parameter.default];
+                let said = [parameter.meaning(), &parameter.allowed(), parameter.default];
                 assert!(said.iter().all(|text| !text.is_empty()), "{} {parameter:?}", entry.name);
+                assert_ne!(parameter.default, "None", "{} {parameter:?}", entry.name);
             }
         }
         assert!(find("lamb_oseen").is_some() && find("lamb").is_none());

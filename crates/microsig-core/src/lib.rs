@@ -35,6 +35,7 @@ pub mod cancel;
 pub mod emission;
 mod error;
 pub mod formats;
+mod interval;
 pub mod optics;
 mod particle;
 mod philox;
@@ -47,5 +48,6 @@ mod settings;
 pub mod stream;
 
 pub use error::{Error, Fault, Finding, shown};
+pub use interval::Interval;
 pub use particle::{Particle, Spheroid};
 pub use settings::{KEYS, Key, Settings};

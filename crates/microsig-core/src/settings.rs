@@ -1,6 +1,7 @@
 //! The 14 settings of MicroSIG: names, units, ranges, and the three sets of Rossi 2020, Table 1.
 
 use crate::error::{Error, Fault, Finding, shown};
+use crate::interval::Interval;
 
 /// MicroSIG's settings; fields have the names used in its settings file.
 ///
@@ -46,62 +47,71 @@ pub struct Key {
     pub name: &'static str,
     /// Unit; empty if dimensionless.
     pub unit: &'static str,
-    /// The allowed range in words.
-    pub allowed: &'static str,
-    in_range: fn(f64) -> bool,
+    /// The allowed range.
+    pub range: Interval,
+    /// Whether only whole numbers are allowed.
+    pub is_whole: bool,
+    /// Further requirement, or the meaning of a value; empty if there is none.
+    pub condition: &'static str,
 }
 
-fn positive(v: f64) -> bool {
-    v > 0.0
-}
-fn not_negative(v: f64) -> bool {
-    v >= 0.0
-}
-fn any(_: f64) -> bool {
-    true
-}
-fn size(v: f64) -> bool {
-    v >= 1.0 && v <= f64::from(MAX_SIZE) && v.fract() == 0.0
-}
-fn rays(v: f64) -> bool {
-    v >= 1.0 && v <= f64::from(MAX_RAYS) && v.fract() == 0.0
+impl Key {
+    const fn new(name: &'static str, unit: &'static str, range: Interval) -> Self {
+        Key { name, unit, range, is_whole: false, condition: "" }
+    }
+
+    const fn whole(self) -> Self {
+        Key { is_whole: true, ..self }
+    }
+
+    const fn with(self, condition: &'static str) -> Self {
+        Key { condition, ..self }
+    }
+
+    /// What is allowed, in words.
+    pub fn allowed(&self) -> String {
+        let number = if self.is_whole { "whole number," } else { "number" };
+        let range = self.range;
+        let number = if range == Interval::FINITE {
+            "a finite number".to_owned()
+        } else {
+            format!("a {number} {range}")
+        };
+        if self.condition.is_empty() { number } else { format!("{number}; {}", self.condition) }
+    }
+
+    fn allows(&self, value: f64) -> bool {
+        self.range.contains(value) && (!self.is_whole || value.fract() == 0.0)
+    }
 }
 
 /// Index of the numerical aperture in [`KEYS`].
 const NUMERICAL_APERTURE: usize = 1;
-/// Largest width or height of a sensor, px; bounds the memory that a settings file can demand.
-const MAX_SIZE: u32 = 32_768;
-/// Largest focal length, um: a meter.
-const MAX_FOCAL_LENGTH: f64 = 1e6;
-/// Largest number of rays per source point.
-const MAX_RAYS: u32 = 1_000_000;
+/// Width or height of a sensor, px; the limit bounds the memory that a settings file can demand.
+const SIZE: Interval = Interval::at_least(1.0).up_to(32_768.0);
+/// Up to a meter, um.
+const FOCAL_LENGTH: Interval = POSITIVE.up_to(1e6);
+const RAYS: Interval = Interval::at_least(1.0).up_to(1e6);
+const POSITIVE: Interval = Interval::above(0.0);
+const NOT_NEGATIVE: Interval = Interval::at_least(0.0);
 
 /// The settings in the order of Table 1 of Rossi 2020, in which they are also written.
 pub const KEYS: [Key; 14] = [
-    Key { name: "magnification", unit: "", allowed: "a number > 0", in_range: positive },
-    Key {
-        name: "numerical_aperture",
-        unit: "",
-        allowed: "a number > 0; < 1, or with lens: aplanatic less than n_i and n_i_design of the layers",
-        in_range: |v| v > 0.0 && v < 1.0,
-    },
-    Key {
-        name: "focal_length",
-        unit: "um",
-        allowed: "a number > 0 and <= 1e6",
-        in_range: |v| v > 0.0 && v <= MAX_FOCAL_LENGTH,
-    },
-    Key { name: "ri_medium", unit: "", allowed: "a number > 0", in_range: positive },
-    Key { name: "ri_lens", unit: "", allowed: "a number > ri_medium", in_range: positive },
-    Key { name: "pixel_size", unit: "um", allowed: "a number > 0", in_range: positive },
-    Key { name: "pixel_dim_x", unit: "px", allowed: "a whole number, 1 to 32768", in_range: size },
-    Key { name: "pixel_dim_y", unit: "px", allowed: "a whole number, 1 to 32768", in_range: size },
-    Key { name: "background_mean", unit: "counts", allowed: "a finite number", in_range: any },
-    Key { name: "background_noise", unit: "counts", allowed: "a number >= 0", in_range: not_negative },
-    Key { name: "points_per_pixel", unit: "1/px", allowed: "a number > 0", in_range: positive },
-    Key { name: "n_rays", unit: "", allowed: "a whole number, 1 to 1000000", in_range: rays },
-    Key { name: "gain", unit: "", allowed: "a number >= 0", in_range: not_negative },
-    Key { name: "cyl_focal_length", unit: "um", allowed: "a finite number (0: no cylinder)", in_range: any },
+    Key::new("magnification", "", POSITIVE),
+    Key::new("numerical_aperture", "", POSITIVE)
+        .with("< 1, or with lens: aplanatic less than n_i and n_i_design of the layers"),
+    Key::new("focal_length", "um", FOCAL_LENGTH),
+    Key::new("ri_medium", "", POSITIVE),
+    Key::new("ri_lens", "", POSITIVE).with("> ri_medium"),
+    Key::new("pixel_size", "um", POSITIVE),
+    Key::new("pixel_dim_x", "px", SIZE).whole(),
+    Key::new("pixel_dim_y", "px", SIZE).whole(),
+    Key::new("background_mean", "counts", Interval::FINITE),
+    Key::new("background_noise", "counts", NOT_NEGATIVE),
+    Key::new("points_per_pixel", "1/px", POSITIVE),
+    Key::new("n_rays", "", RAYS).whole(),
+    Key::new("gain", "", NOT_NEGATIVE),
+    Key::new("cyl_focal_length", "um", Interval::FINITE).with("0: no cylinder"),
 ];
 
 impl Settings {
@@ -206,8 +216,9 @@ pub(crate) fn check(
         faults.push(Fault { source_name, line, column: None, finding });
     };
     for (index, key) in KEYS.iter().enumerate() {
-        if !values[index].is_finite() || !(key.in_range)(values[index]) {
-            fault(index, key.allowed);
+        let is_above = index == NUMERICAL_APERTURE && values[index] >= 1.0;
+        if is_above || !key.allows(values[index]) {
+            fault(index, &key.allowed());
         }
     }
     let (ri_medium, ri_lens) = (values[3], values[4]);

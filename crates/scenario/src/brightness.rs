@@ -12,8 +12,8 @@ use microsig_core::{Particle, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Range of diameters.
-const SIZES: &str = "> 0 and <= 1e6";
+/// Largest diameter.
+const LARGEST_UM: f64 = 1e6;
 
 /// Brightness factor of the particles, relative to the brightness that the optics give for their size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -33,7 +33,7 @@ pub enum Brightness {
     /// Normal distribution, truncated to positive factors.
     Normal {
         /// Mean before truncation.
-        #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 1.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6), example = 1.0)]
         mean: f64,
         /// Standard deviation before truncation.
         #[schemars(range(min = 0.0, max = 1e6), example = 0.2)]
@@ -42,7 +42,7 @@ pub enum Brightness {
     /// The factor is (d / `reference_um`)^`exponent` for a particle of diameter d.
     PowerOfDiameter {
         /// Diameter at which the factor is 1.
-        #[schemars(extend("x-range" = SIZES), example = 2.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 2.0)]
         reference_um: f64,
         /// Exponent; 1 for particles dyed throughout their volume, whose light is proportional to d^3 (the
         /// optics alone give d^2, as for surface emission).
@@ -70,7 +70,7 @@ pub struct Photons {
     /// Diameter of a particle that emits `emitted` photons.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(
-        extend("x-range" = SIZES, "x-default" = "the mean diameter"),
+        extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM, "x-default" = "the mean diameter"),
         example = 2.0
     )]
     pub reference_um: Option<f64>,
@@ -94,7 +94,7 @@ pub enum Emitted {
     /// Normal distribution, truncated to positive numbers.
     Normal {
         /// Mean before truncation.
-        #[schemars(extend("x-range" = "> 0 and <= 1e15", "x-unit" = "photons"), example = 1e6)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e15, "x-unit" = "photons"), example = 1e6)]
         mean: f64,
         /// Standard deviation before truncation.
         #[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 2e5)]

@@ -15,15 +15,15 @@ pub enum Calibration {
     #[default]
     Stack,
     /// The same with this step.
-    EveryUm(#[schemars(extend("x-range" = "> 0 and <= 1e6", "x-unit" = "um"), example = 1.0)] f64),
+    EveryUm(#[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6, "x-unit" = "um"), example = 1.0)] f64),
     /// One stack for each given diameter.
     Sizes {
         /// Particle diameters of the stacks, without duplicates.
-        #[schemars(length(min = 1, max = 16), extend("x-unit" = "um", "x-range" = "each > 0 and <= 1e6"), example = vec![2.0, 5.0])]
+        #[schemars(length(min = 1, max = 16), extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = 1e6), example = vec![2.0, 5.0])]
         diameters_um: Vec<f64>,
         /// Step in depth.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        #[schemars(extend("x-range" = "> 0 and <= 1e6", "x-unit" = "um", "x-default" = "as for `stack`"))]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6, "x-unit" = "um", "x-default" = "as for `stack`"))]
         every_um: Option<f64>,
     },
     /// Stacks at several places of the field of view, the centers of equal rectangles, for optics whose images
@@ -34,11 +34,11 @@ pub enum Calibration {
         places: u32,
         /// Particle diameters of the stacks, without duplicates.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        #[schemars(length(min = 1, max = 16), extend("x-unit" = "um", "x-range" = "each > 0 and <= 1e6", "x-default" = "as for `stack`"))]
+        #[schemars(length(min = 1, max = 16), extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = 1e6, "x-default" = "as for `stack`"))]
         diameters_um: Option<Vec<f64>>,
         /// Step in depth.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        #[schemars(extend("x-range" = "> 0 and <= 1e6", "x-unit" = "um", "x-default" = "as for `stack`"))]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6, "x-unit" = "um", "x-default" = "as for `stack`"))]
         every_um: Option<f64>,
     },
     /// No stack.

@@ -13,7 +13,7 @@ pub enum Cylinder {
     /// Given by focal length and position, as in its data sheet and the setup.
     Lens {
         /// Focal length; negative for a diverging lens.
-        #[schemars(extend("x-range" = "0.01 to 1e7, or negative", "x-unit" = "mm"), example = 1000.0)]
+        #[schemars(extend("x-condition" = "0.01 to 1e7, or negative", "x-unit" = "mm"), example = 1000.0)]
         focal_length_mm: f64,
         /// Distance from the lens to the sensor.
         #[schemars(range(min = 0.01, max = 1e7), extend("x-unit" = "mm"), example = 40.0)]

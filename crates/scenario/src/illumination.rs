@@ -24,7 +24,7 @@ pub struct Illumination {
     pub energy_jitter: f64,
     /// Photobleaching: time in which the brightness of the particles decays to 1/e.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-range" = "> 0"), example = 2.0)]
+    #[schemars(extend("exclusiveMinimum" = 0), example = 2.0)]
     pub bleaching_s: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ pub struct Sheet {
     /// Intensity profile across the sheet.
     pub profile: SheetProfile,
     /// Thickness T: distance between the two e^-2 points, or between the edges of a top hat.
-    #[schemars(extend("x-range" = "> 0"))]
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub thickness_um: f64,
     /// A point in its middle plane (x, y, z).
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -95,11 +95,11 @@ pub struct Beam {
     /// Direction of the beam (x, y, z).
     pub axis: (f64, f64, f64),
     /// e^-2 radius of the beam waist.
-    #[schemars(extend("x-range" = "> 0"))]
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub waist_um: f64,
     /// Rayleigh length: distance from the waist at which the cross-section has doubled.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-range" = "> 0", "x-default" = "a collimated beam"), example = 5000.0)]
+    #[schemars(extend("exclusiveMinimum" = 0, "x-default" = "a collimated beam"), example = 5000.0)]
     pub rayleigh_um: Option<f64>,
 }
 

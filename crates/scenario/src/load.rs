@@ -277,7 +277,7 @@ mod tests {
             "s.ron:5:46: boundaries.bodies.0.sphere: `center_um` is missing",
             "s.ron:5:47: unknown key `boundaries.bodies.0.sphere.radius`; did you mean `radius_um`?",
             "s.ron:5:60: unknown key `boundaries.z_mu`; did you mean `z_um`?",
-            "s.ron:5:96: timing.pairs.count = two: expected a whole number, 1 to 5000000",
+            "s.ron:5:96: timing.pairs.count = two: expected a whole number, 1 to 5e6",
         ];
         assert_eq!(message.lines().collect::<Vec<_>>(), expected);
     }
@@ -295,7 +295,7 @@ mod tests {
         let (_, message) = refuse(&text);
         let expected = [
             "s.ron:2:35: optics.gain = \"high\": expected a number, 0 to 1e6",
-            "s.ron:2:51: optics.n_rays = 2.5: expected a whole number, 1 to 1000000",
+            "s.ron:2:51: optics.n_rays = 2.5: expected a whole number, 1 to 1e6",
             "s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finite number, in um/s",
             "s.ron:4:15: seed = -1: expected a whole number >= 0",
             "s.ron:5:28: particles.c_int.uniform: `max` is missing",
@@ -316,7 +316,7 @@ mod tests {
             ("1000", "inf", "motion.flow.field.poiseuille.max_speed_um_s = inf: expected a finite number"),
             ("poiseuille", "poisseuille", "did you mean `poiseuille`?"),
             ("count: 2", "count: two", "s.ron:4:30: timing.pairs.count = two: expected a whole number"),
-            ("count: 2", "count: -2", "timing.pairs.count = -2: expected a whole number, 1 to 5000000"),
+            ("count: 2", "count: -2", "timing.pairs.count = -2: expected a whole number, 1 to 5e6"),
             ("count: 2", "dt_s: 1", "timing.pairs: `count` is missing"),
             ("count: 2", "count: 2, count: 3", "timing.pairs: `count` is given a second time"),
             ("\"test\"", "test", "s.ron:2:15: name = test: expected a string in quotes"),
@@ -415,7 +415,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
         let expected = [
             "s.ron:2:18: optics.n_rays = 0",
             "s.ron:3:16: sensor.bits = 9: expected a whole number, one of 8, 10, 12, 14, 16",
-            "s.ron:4:30: truth_grid.grid.spacing_px = 0: expected a number, 0.1 to 100000 px",
+            "s.ron:4:30: truth_grid.grid.spacing_px = 0: expected a number, 0.1 to 1e5 px",
             "s.ron:5:25: boundaries.margin_px = -3",
             "s.ron:6:37: render.tolerance = 5",
             "s.ron:7:24: particles.settling.direction = ",

@@ -95,52 +95,55 @@ pub enum Placement {
     ApartInImage(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),
 }
 
-/// Range of diameters.
-const SIZES: &str = "> 0 and <= 1e6";
+/// Largest diameter.
+const LARGEST_UM: f64 = 1e6;
 
 /// Diameters of the particles, um. Values outside the cutoffs are redrawn, not clipped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Diameter {
     /// The same for all particles.
-    Constant(#[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 2.0)] f64),
+    Constant(
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 2.0)]
+        f64,
+    ),
     /// Uniform distribution.
     Uniform {
         /// Smallest diameter.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 1.0)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 1.0)]
         min: f64,
         /// Largest diameter.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 3.0)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 3.0)]
         max: f64,
     },
     /// Truncated normal distribution.
     Normal {
         /// Mean before truncation.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 2.0)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 2.0)]
         mean: f64,
         /// Standard deviation before truncation.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 0.2)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 0.2)]
         sd: f64,
         /// Smallest diameter.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 1.0)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 1.0)]
         min: f64,
         /// Largest diameter.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 3.0)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 3.0)]
         max: f64,
     },
     /// Truncated lognormal distribution.
     Lognormal {
         /// Mean of the diameter (not of its logarithm) before truncation.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 2.0)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 2.0)]
         mean: f64,
         /// Standard deviation of the diameter before truncation.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 0.4)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 0.4)]
         sd: f64,
         /// Smallest diameter.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 0.8)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 0.8)]
         min: f64,
         /// Largest diameter.
-        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 5.0)]
+        #[schemars(extend("x-unit" = "um", "exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 5.0)]
         max: f64,
     },
     /// Diameters and their weights.
@@ -176,7 +179,7 @@ pub enum Orientation {
         #[schemars(example = (1, 0, 0))]
         mean: (f64, f64, f64),
         /// Concentration kappa.
-        #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 10.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6), example = 10.0)]
         kappa: f64,
     },
 }
@@ -186,10 +189,10 @@ pub enum Orientation {
 #[serde(default)]
 pub struct Brownian {
     /// Temperature of the liquid.
-    #[schemars(extend("x-range" = "> 0 and <= 1e4"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e4))]
     pub temperature_k: f64,
     /// Dynamic viscosity of the liquid.
-    #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
     pub viscosity_pa_s: f64,
     /// Number of time steps between consecutive frames.
     #[schemars(range(min = 1, max = 10_000))]
@@ -211,7 +214,7 @@ pub struct Settling {
     #[schemars(range(min = -1e5, max = 1e5))]
     pub density_difference_kg_m3: f64,
     /// Dynamic viscosity of the liquid.
-    #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
     pub viscosity_pa_s: f64,
     /// Direction of gravity (x, y, z).
     pub direction: (f64, f64, f64),
@@ -233,7 +236,7 @@ pub enum Obstacle {
         #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
         center_um: (f64, f64, f64),
         /// Radius.
-        #[schemars(extend("x-range" = SIZES), example = 20.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
         radius_um: f64,
     },
     /// A cylinder along z.
@@ -242,7 +245,7 @@ pub enum Obstacle {
         #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0))]
         center_um: (f64, f64),
         /// Radius.
-        #[schemars(extend("x-range" = SIZES), example = 20.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
         radius_um: f64,
     },
     /// The space outside a sessile drop in the shape of a parabolic cap.
@@ -251,10 +254,10 @@ pub enum Obstacle {
         #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -80))]
         center_um: (f64, f64, f64),
         /// Radius of the drop's base.
-        #[schemars(extend("x-range" = SIZES), example = 200.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 200.0)]
         radius_um: f64,
         /// Height of the drop.
-        #[schemars(extend("x-range" = SIZES), example = 60.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 60.0)]
         height_um: f64,
     },
     /// A sphere that removes the particles that enter it.
@@ -263,7 +266,7 @@ pub enum Obstacle {
         #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
         center_um: (f64, f64, f64),
         /// Radius.
-        #[schemars(extend("x-range" = SIZES), example = 20.0)]
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
         radius_um: f64,
     },
 }

@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn impossible_times_are_refused() {
         for (text, expected) in [
-            ("pairs(count: 0)", "timing.pairs.count = 0: expected a whole number, 1 to 5000000"),
+            ("pairs(count: 0)", "timing.pairs.count = 0: expected a whole number, 1 to 5e6"),
             ("pairs(count: 2, seeding: continuing)", "timing.pairs.interval_s = 0: expected a time > dt_s"),
             ("pairs(count: 2, dt_s: NaN)", "timing.pairs.dt_s = NaN"),
             (

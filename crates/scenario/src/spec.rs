@@ -182,11 +182,11 @@ impl Spec {
 #[serde(default)]
 pub struct Gaussian {
     /// e^-2 diameter of a spot.
-    #[schemars(extend("x-range" = "> 0 and <= 1000"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1000))]
     pub diameter_px: f64,
     /// Particle diameter whose spot has `diameter_px`; other spots scale with their particles.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-range" = "> 0 and <= 1e6", "x-default" = "all spots have the same diameter"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6, "x-default" = "all spots have the same diameter"))]
     pub reference_um: Option<f64>,
     /// Peak of the irradiance of a particle with `c_int` 1, counts per pixel before gain.
     #[schemars(range(min = 0.0, max = 1e9))]
@@ -250,7 +250,7 @@ pub struct Optics {
     pub ri_lens: Option<f64>,
     /// Edge of a pixel on the sensor.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-range" = "0.05 to 1000", "x-default" = PRESET))]
+    #[schemars(extend("minimum" = 0.05, "maximum" = 1000, "x-default" = PRESET))]
     pub pixel_size: Option<f64>,
     /// Width of the image.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -278,7 +278,7 @@ pub struct Optics {
     pub n_rays: Option<u32>,
     /// Counts per ray.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-range" = "0 to 1e6", "x-default" = PRESET))]
+    #[schemars(extend("minimum" = 0, "maximum" = 1e6, "x-default" = PRESET))]
     pub gain: Option<f64>,
     /// Focal length of the cylindrical lens; 0: no cylindrical lens.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -337,8 +337,17 @@ fn units_and_ranges(schema: &mut schemars::Schema) {
         let (Some(key), Some(site)) = (KEYS.iter().find(|key| key.name == name), site.as_object_mut()) else {
             continue;
         };
-        let words = key.allowed.trim_start_matches("a whole number, ").trim_start_matches("a number ");
-        site.entry("x-range").or_insert(words.replace("a finite number", "finite").into());
+        // A key of the scenario may be bounded more closely. The type of whole numbers says that they are >= 0.
+        let bounds = ["minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum"];
+        let of_type = key.is_whole.then(|| Value::from(0));
+        let is_bounded =
+            bounds.iter().any(|bound| site.get(*bound).is_some_and(|b| Some(b) != of_type.as_ref()));
+        for (keyword, bound) in key.range.keywords().filter(|_| !is_bounded) {
+            site.insert(keyword.to_owned(), bound.into());
+        }
+        if !key.condition.is_empty() {
+            site.entry("x-condition").or_insert(key.condition.into());
+        }
         if !key.unit.is_empty() {
             site.entry("x-unit").or_insert(key.unit.into());
         }
@@ -388,10 +397,10 @@ pub enum Preset {
 #[serde(default)]
 pub struct Sensor {
     /// Photons per count of the ideal image.
-    #[schemars(extend("x-unit" = "photons/count", "x-range" = "> 0 and <= 1e12"))]
+    #[schemars(extend("x-unit" = "photons/count", "exclusiveMinimum" = 0, "maximum" = 1e12))]
     pub photons_per_count: f64,
     /// Quantum efficiency: electrons per photon.
-    #[schemars(extend("x-unit" = "e/photon", "x-range" = "> 0 and <= 1"))]
+    #[schemars(extend("x-unit" = "e/photon", "exclusiveMinimum" = 0, "maximum" = 1))]
     pub quantum_efficiency: f64,
     /// Whether the number of electrons fluctuates (Poisson).
     pub shot_noise: bool,
@@ -406,7 +415,7 @@ pub struct Sensor {
     #[schemars(extend("type" = ["number", "null"], "exclusiveMinimum" = 0, "x-infinite" = true))]
     pub full_well_e: f64,
     /// Counts per electron.
-    #[schemars(extend("x-range" = "> 0 and <= 1e12"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e12))]
     pub gain_counts_per_e: f64,
     /// Counts of a pixel without electrons.
     #[schemars(range(min = -65535.0, max = 65535.0))]
@@ -515,7 +524,7 @@ pub struct Boundaries {
     /// Instead of `z_um`: length of a depth range in the middle between the two focal planes of a cylindrical
     /// lens, about z = 0 without one; it is converted into `z_um`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 40.0)]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6), example = 40.0)]
     pub depth_um: Option<f64>,
     /// Type of the left and right boundaries.
     pub x: Boundary,

@@ -484,7 +484,7 @@ mod tests {
         assert!(refuse("repetitions: 2", "combine: zip").contains("axes of a zip have 3, 2 values"));
         assert!(
             refuse("repetitions: 2", "repetitions: 0")
-                .contains("repetitions = 0: expected a whole number, 1 to 1000000")
+                .contains("repetitions = 0: expected a whole number, 1 to 1e6")
         );
         assert!(
             refuse("repetitions: 2", "repetition: 2")

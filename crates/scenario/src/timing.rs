@@ -9,9 +9,8 @@ use super::language::problems::Problems;
 /// Maximum number of frames in a dataset.
 const MAX_FRAMES: u32 = 10_000_000;
 
-/// Ranges of times, s.
-const POSITIVE: &str = "> 0 and <= 1e9";
-const NOT_NEGATIVE: &str = "0 to 1e9";
+/// Longest time, s.
+const LONGEST: f64 = 1e9;
 
 /// Length of the segments that streaks are divided into, px.
 const SEGMENT_PX: f64 = 0.25;
@@ -36,12 +35,12 @@ pub struct Pairs {
     pub count: u32,
     /// Time between frames A and B.
     #[serde(default = "default_dt")]
-    #[schemars(extend("x-range" = POSITIVE))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LONGEST))]
     pub dt_s: f64,
     /// Time between the A frames of consecutive pairs; only relevant for unsteady fields and for `seeding:
     /// continuing`.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub interval_s: f64,
     /// Whether consecutive pairs show the same particles.
     #[serde(default)]
@@ -49,14 +48,14 @@ pub struct Pairs {
     /// Exposure time; particle images become streaks, and the time of a frame is the middle of its exposure.
     /// 0: instantaneous.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub exposure_s: f64,
     /// Flashes per frame, if there is more than one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
     /// Standard deviation of the frame times (timing jitter); at most a tenth of the time between frames.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub jitter_s: f64,
 }
 
@@ -79,19 +78,19 @@ pub struct Sequence {
     pub frames: u32,
     /// Time between frames.
     #[serde(default = "default_dt")]
-    #[schemars(extend("x-range" = POSITIVE))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LONGEST))]
     pub dt_s: f64,
     /// Exposure time; particle images become streaks, and the time of a frame is the middle of its exposure.
     /// 0: instantaneous.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub exposure_s: f64,
     /// Flashes per frame, if there is more than one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
     /// Standard deviation of the frame times (timing jitter); at most a tenth of the time between frames.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub jitter_s: f64,
 }
 
@@ -103,27 +102,27 @@ pub struct FourPulse {
     pub count: u32,
     /// Time from the first frame to the second, and from the third to the fourth.
     #[serde(default = "default_dt")]
-    #[schemars(extend("x-range" = POSITIVE))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LONGEST))]
     pub dt_s: f64,
     /// Time from the second frame to the third.
     #[serde(default = "default_gap")]
-    #[schemars(extend("x-range" = POSITIVE))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LONGEST))]
     pub gap_s: f64,
     /// Time between the first frames of consecutive bursts.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub interval_s: f64,
     /// Exposure time; particle images become streaks, and the time of a frame is the middle of its exposure.
     /// 0: instantaneous.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub exposure_s: f64,
     /// Flashes per frame, if there is more than one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
     /// Standard deviation of the frame times (timing jitter); at most a tenth of the time between frames.
     #[serde(default)]
-    #[schemars(extend("x-range" = NOT_NEGATIVE))]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST))]
     pub jitter_s: f64,
 }
 
@@ -134,7 +133,7 @@ pub struct Flashes {
     #[schemars(range(min = 1, max = 100), example = 2)]
     pub count: u32,
     /// Time between flashes.
-    #[schemars(extend("x-range" = NOT_NEGATIVE), example = 0.001)]
+    #[schemars(extend("minimum" = 0, "maximum" = LONGEST), example = 0.001)]
     pub spacing_s: f64,
 }
 

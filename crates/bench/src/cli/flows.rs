@@ -61,12 +61,16 @@ fn description(entry: &FieldEntry) -> String {
     if !entry.parameters.is_empty() {
         let column = |f: &dyn Fn(&Parameter) -> usize| entry.parameters.iter().map(f).max().unwrap_or(0);
         let (names, defaults) = (column(&|p| p.name.len()), column(&|p| p.default_text().len()));
-        let ranges = column(&|p| p.range.len());
+        let ranges = column(&|p| p.allowed().len());
         text += "\n  parameter, default, range, meaning\n";
         for p in entry.parameters {
             let default = p.default_text();
-            text +=
-                &format!("  {:names$}  {default:defaults$}  {:ranges$}  {}\n", p.name, p.range, p.meaning());
+            text += &format!(
+                "  {:names$}  {default:defaults$}  {:ranges$}  {}\n",
+                p.name,
+                p.allowed(),
+                p.meaning()
+            );
         }
     }
     text.trim_end().to_owned()
@@ -76,7 +80,7 @@ fn described(entry: &FieldEntry) -> Value {
     let parameters: Vec<Value> = entry
         .parameters
         .iter()
-        .map(|p| json!({ "name": p.name, "default": p.default_text(), "range": p.range, "meaning": p.meaning() }))
+        .map(|p| json!({ "name": p.name, "default": p.default_text(), "range": p.allowed(), "meaning": p.meaning() }))
         .collect();
     json!({ "name": entry.name, "formula": entry.formula, "source": entry.source, "parameters": parameters })
 }

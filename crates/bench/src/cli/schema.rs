@@ -11,7 +11,7 @@ use storage::error::{Error, Result};
 #[derive(Debug, Args)]
 #[command(
     long_about = "The keys of a scenario, sweep or suite as JSON Schema (draft 2020-12), for editors and programs that write scenarios as JSON.\n\n\
-Extensions: x-unit, x-range and x-default in words, x-infinite (null stands for inf).",
+Extensions: x-unit, x-condition and x-default in words, x-infinite (null stands for inf).",
     after_help = "Example: microsig schema > scenario.schema.json"
 )]
 pub(super) struct Schema {

@@ -50,7 +50,7 @@ fn described(entry: &Entry<'_>) -> Value {
         "kind": schema.map_or("", kind),
         "meaning": entry.meaning(),
         "unit": schema.and_then(|schema| schema.words("x-unit")),
-        "range": schema.map(|schema| schema.range()).filter(|range| !["", "any", "finite"].contains(&range.as_str())),
+        "range": schema.map(|schema| schema.range()).filter(|range| !range.is_empty()),
         "default": schema.and_then(|schema| schema.words("x-default").map(str::to_owned)).or(default.clone()),
         "insert": insert(entry, default.or(example)),
     })

@@ -21,12 +21,13 @@ params! {
     /// Parameters of [`Abc`].
     AbcParams {
         /// Amplitudes A, B and C, um/s.
-        amplitudes_um_s: [f64; 3] = [600.0, 489.898, 346.41], "finite";
+        amplitudes_um_s: [f64; 3] = [600.0, 489.898, 346.41], [finite];
         /// Wavelength, um.
-        wavelength_um: f64 = 100.0, "> 0";
+        wavelength_um: f64 = 100.0, [> 0];
         /// Point at which all phases are zero, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 

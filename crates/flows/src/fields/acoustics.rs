@@ -40,16 +40,17 @@ params! {
     /// Parameters of [`RayleighStreaming`].
     RayleighStreamingParams {
         /// Maximum slip velocity u0 at the plates, um/s.
-        slip_speed_um_s: f64 = 50.0, "finite";
+        slip_speed_um_s: f64 = 50.0, [finite];
         /// Distance between the side walls, um.
-        width_um: f64 = 236.0, "> 0";
+        width_um: f64 = 236.0, [> 0];
         /// Number of half wavelengths across the channel.
-        half_waves: u32 = 1, "1 or more, 2 pi half_waves depth / width at most 600";
+        half_waves: u32 = 1, [>= 1], "2 pi half_waves depth / width at most 600";
         /// y of the center between the side walls, um.
         #[alias = "centre_y_um"]
-        center_y_um: f64 = 0.0, "finite";
+        center_y_um: f64 = 0.0, [finite];
         /// z of floor and ceiling, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
     }
 }
 
@@ -77,20 +78,20 @@ params! {
     /// Parameters of [`Acoustophoresis`].
     AcoustophoresisParams {
         /// Acoustic energy density, J/m^3.
-        energy_density_j_m3: f64 = 10.0, ">= 0";
+        energy_density_j_m3: f64 = 10.0, [>= 0];
         /// Acoustic contrast factor; 0.165 for polystyrene in water.
-        contrast_factor: f64 = 0.165, "finite";
+        contrast_factor: f64 = 0.165, [finite];
         /// Diameter for the truth on a grid, um; each particle moves according to its own diameter.
-        diameter_um: f64 = 2.0, "> 0";
+        diameter_um: f64 = 2.0, [> 0];
         /// Dynamic viscosity, Pa s.
-        viscosity_pa_s: f64 = 0.89e-3, "> 0";
+        viscosity_pa_s: f64 = 0.89e-3, [> 0];
         /// Distance between the side walls, um.
-        width_um: f64 = 236.0, "> 0";
+        width_um: f64 = 236.0, [> 0];
         /// Number of half wavelengths across the channel.
-        half_waves: u32 = 1, "1 or more";
+        half_waves: u32 = 1, [>= 1];
         /// y of the center between the side walls, um.
         #[alias = "centre_y_um"]
-        center_y_um: f64 = 0.0, "finite";
+        center_y_um: f64 = 0.0, [finite];
     }
 }
 

@@ -30,14 +30,15 @@ params! {
     /// Parameters of [`Burgers`].
     BurgersParams {
         /// Maximum swirl speed, um/s; positive: from x toward y.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        max_speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the core, um.
-        core_radius_um: f64 = 40.0, "> 0";
+        core_radius_um: f64 = 40.0, [> 0];
         /// Strain rate along the axis, 1/s.
-        strain_rate_per_s: f64 = 5.0, "> 0";
+        strain_rate_per_s: f64 = 5.0, [> 0];
         /// Stagnation point, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 

@@ -26,14 +26,14 @@ params! {
     /// Parameters of [`TaylorGreen`].
     TaylorGreenParams {
         /// Maximum speed at t = 0, um/s.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        max_speed_um_s: f64 = 1290.0, [finite];
         /// Wavelength along x and y (two vortices), um.
-        wavelength_um: f64 = 200.0, "> 0";
+        wavelength_um: f64 = 200.0, [> 0];
         /// Kinematic viscosity, um^2/s; 0: steady. In water (1e6), small vortices decay within a frame.
-        viscosity_um2_s: f64 = 500.0, ">= 0";
+        viscosity_um2_s: f64 = 500.0, [>= 0];
         /// x and y of a point where four vortices meet, um.
         #[alias = "centre_um"]
-        center_um: [f64; 2] = [0.0, 0.0], "finite";
+        center_um: [f64; 2] = [0.0, 0.0], [finite];
     }
 }
 
@@ -57,16 +57,16 @@ params! {
     /// Parameters of [`Cellular`].
     CellularParams {
         /// Maximum speed along x, um/s.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        max_speed_um_s: f64 = 1290.0, [finite];
         /// Wavelengths along x and y (two cells), um.
-        wavelengths_um: [f64; 2] = [200.0, 150.0], "> 0";
+        wavelengths_um: [f64; 2] = [200.0, 150.0], [> 0];
         /// Amplitude of the lateral oscillation along x, um.
-        sway_um: f64 = 0.0, ">= 0";
+        sway_um: f64 = 0.0, [>= 0];
         /// Frequency of the oscillation, Hz.
-        frequency_hz: f64 = 10.0, ">= 0";
+        frequency_hz: f64 = 10.0, [>= 0];
         /// x and y of a point where four cells meet, um.
         #[alias = "centre_um"]
-        center_um: [f64; 2] = [0.0, 0.0], "finite";
+        center_um: [f64; 2] = [0.0, 0.0], [finite];
     }
 }
 

@@ -21,13 +21,14 @@ params! {
     /// Parameters of [`CouettePoiseuille`].
     CouettePoiseuilleParams {
         /// Velocity of the ceiling, um/s.
-        wall_speed_um_s: f64 = 1290.0, "finite";
+        wall_speed_um_s: f64 = 1290.0, [finite];
         /// Maximum speed of the pressure-driven part alone, um/s; negative: against `direction_rad`.
-        pressure_speed_um_s: f64 = -430.0, "finite";
+        pressure_speed_um_s: f64 = -430.0, [finite];
         /// z of floor and ceiling, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
         /// Direction of the flow in the image plane, from x toward y, rad.
-        direction_rad: f64 = 0.0, "finite";
+        direction_rad: f64 = 0.0, [finite];
     }
 }
 

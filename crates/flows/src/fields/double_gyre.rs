@@ -23,16 +23,16 @@ params! {
     /// Parameters of [`DoubleGyre`].
     DoubleGyreParams {
         /// Maximum speed along x, um/s.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        max_speed_um_s: f64 = 1290.0, [finite];
         /// Length of the box along y, um; along x it is twice as long.
-        size_um: f64 = 236.0, "> 0";
+        size_um: f64 = 236.0, [> 0];
         /// Amplitude eps of the lateral oscillation.
-        epsilon: f64 = 0.25, "0 to 0.5";
+        epsilon: f64 = 0.25, [0 to 0.5];
         /// Frequency of the oscillation, Hz.
-        frequency_hz: f64 = 1.74, ">= 0";
+        frequency_hz: f64 = 1.74, [>= 0];
         /// x and y of the center of the box, um.
         #[alias = "centre_um"]
-        center_um: [f64; 2] = [0.0, 0.0], "finite";
+        center_um: [f64; 2] = [0.0, 0.0], [finite];
     }
 }
 

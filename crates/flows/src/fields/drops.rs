@@ -45,14 +45,15 @@ params! {
     /// Parameters of [`ToroidalDrop`].
     ToroidalDropParams {
         /// Strength P of the circulation, um^3/s; positive: inward along the floor.
-        strength_um3_s: f64 = 4e6, "finite";
+        strength_um3_s: f64 = 4e6, [finite];
         /// Radius of the base of the drop, um.
-        radius_um: f64 = 200.0, "> 0";
+        radius_um: f64 = 200.0, [> 0];
         /// Height at the center, um.
-        height_um: f64 = 60.0, "> 0";
+        height_um: f64 = 60.0, [> 0];
         /// Center of the base of the drop, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+        #[otherwise = "on the floor"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 
@@ -80,14 +81,15 @@ params! {
     /// Parameters of [`CoffeeRing`].
     CoffeeRingParams {
         /// Time from t = 0 until the drop is dry, s.
-        drying_time_s: f64 = 5.0, "> 0";
+        drying_time_s: f64 = 5.0, [> 0];
         /// Radius of the base of the drop, um.
-        radius_um: f64 = 200.0, "> 0";
+        radius_um: f64 = 200.0, [> 0];
         /// Height at the center at t = 0, um.
-        height_um: f64 = 60.0, "> 0";
+        height_um: f64 = 60.0, [> 0];
         /// Center of the base of the drop, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+        #[otherwise = "on the floor"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 

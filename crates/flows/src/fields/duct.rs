@@ -37,20 +37,21 @@ params! {
     DuctParams {
         /// Speed on the axis, um/s.
         #[otherwise = "1290.0"]
-        max_speed_um_s: Option<f64> = None, "finite";
+        max_speed_um_s: Option<f64> = None, [finite];
         /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
         #[otherwise = "none"]
-        mean_speed_um_s: Option<f64> = None, "finite";
+        mean_speed_um_s: Option<f64> = None, [finite];
         /// Instead of `max_speed_um_s`: volumetric flow rate, ul/min.
         #[otherwise = "none"]
-        flow_rate_ul_min: Option<f64> = None, "finite";
+        flow_rate_ul_min: Option<f64> = None, [finite];
         /// Distance between the side walls, um.
-        width_um: f64 = 200.0, "> 0";
+        width_um: f64 = 200.0, [> 0];
         /// y of the center between the side walls, um.
         #[alias = "centre_y_um"]
-        center_y_um: f64 = 0.0, "finite";
+        center_y_um: f64 = 0.0, [finite];
         /// Floor and ceiling, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
     }
 }
 

@@ -26,15 +26,16 @@ params! {
     /// Parameters of [`ElectroOsmotic`].
     ElectroOsmoticParams {
         /// Helmholtz-Smoluchowski slip velocity U, um/s.
-        slip_speed_um_s: f64 = 390.0, "finite";
+        slip_speed_um_s: f64 = 390.0, [finite];
         /// Debye length, um; 0: thin-layer limit.
-        debye_length_um: f64 = 0.0, ">= 0";
+        debye_length_um: f64 = 0.0, [>= 0];
         /// Whether the channel is closed at its ends, so that the net flow rate is zero.
-        closed: bool = false, "true or false";
+        closed: bool = false, [one of], "true or false";
         /// z of floor and ceiling, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
         /// Direction of the flow in the image plane, from x toward y, rad.
-        direction_rad: f64 = 0.0, "finite";
+        direction_rad: f64 = 0.0, [finite];
     }
 }
 

@@ -25,14 +25,15 @@ params! {
     /// Parameters of [`HeleShaw`].
     HeleShawParams {
         /// Speed far from the pillar along x, averaged over the depth, um/s.
-        mean_speed_um_s: f64 = 430.0, "finite";
+        mean_speed_um_s: f64 = 430.0, [finite];
         /// Radius of the pillar, um.
-        radius_um: f64 = 60.0, "> 0";
+        radius_um: f64 = 60.0, [> 0];
         /// x and y of the axis of the pillar, um.
         #[alias = "centre_um"]
-        center_um: [f64; 2] = [0.0, 0.0], "finite";
+        center_um: [f64; 2] = [0.0, 0.0], [finite];
         /// z of floor and ceiling, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
     }
 }
 

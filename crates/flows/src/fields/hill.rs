@@ -26,16 +26,17 @@ params! {
     /// Parameters of [`Hill`].
     HillParams {
         /// Speed of the vortex through the fluid along its axis, um/s.
-        speed_um_s: f64 = 600.0, "finite";
+        speed_um_s: f64 = 600.0, [finite];
         /// Radius of the sphere, um.
-        radius_um: f64 = 40.0, "> 0";
+        radius_um: f64 = 40.0, [> 0];
         /// Direction of the axis.
-        axis: Axis = Axis::X, "x, y or z";
+        axis: Axis = Axis::X, [one of], "x, y or z";
         /// true: the vortex moves through fluid at rest; false: the fluid flows past a vortex at rest.
-        moving: bool = false, "true or false";
+        moving: bool = false, [one of], "true or false";
         /// The center at t = 0, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 

@@ -35,19 +35,19 @@ params! {
     /// Parameters of [`Kraichnan`].
     KraichnanParams {
         /// Number of dimensions: 3, or 2 for a field in the xy-plane.
-        dimensions: u32 = 3, "2 or 3";
+        dimensions: u32 = 3, [2 to 3];
         /// Root mean square u' of each component of the velocity, um/s.
-        rms_speed_um_s: f64 = 300.0, ">= 0";
+        rms_speed_um_s: f64 = 300.0, [>= 0];
         /// Wavelength 2 pi / k0 of the peak of the spectrum, um.
-        wavelength_um: f64 = 100.0, "> 0";
+        wavelength_um: f64 = 100.0, [> 0];
         /// Number of modes.
-        modes: u32 = 200, "1 to 100000";
+        modes: u32 = 200, [1 to 100_000];
         /// Standard deviation of the angular frequencies, in units of u' k; 0: a frozen field.
-        unsteadiness: f64 = 0.0, ">= 0";
+        unsteadiness: f64 = 0.0, [>= 0];
         /// Periods along x, y and z, um; 0: not periodic.
-        period_um: [f64; 3] = [0.0, 0.0, 0.0], ">= 0, 0 or several wavelengths";
+        period_um: [f64; 3] = [0.0, 0.0, 0.0], [>= 0], "0 or several wavelengths";
         /// Seed of the random modes.
-        seed: u64 = 1, "any";
+        seed: u64 = 1, [>= 0];
     }
 }
 

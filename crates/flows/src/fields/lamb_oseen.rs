@@ -38,14 +38,14 @@ params! {
     /// Parameters of [`LambOseen`].
     LambOseenParams {
         /// Maximum speed at t = 0, um/s; positive: from x toward y.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        max_speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the core at t = 0, um.
-        core_radius_um: f64 = 40.0, "> 0";
+        core_radius_um: f64 = 40.0, [> 0];
         /// Kinematic viscosity, um^2/s; 0: a steady vortex; water: 1e6.
-        viscosity_um2_s: f64 = 0.0, ">= 0";
+        viscosity_um2_s: f64 = 0.0, [>= 0];
         /// x and y of the axis, um.
         #[alias = "centre_um"]
-        center_um: [f64; 2] = [0.0, 0.0], "finite";
+        center_um: [f64; 2] = [0.0, 0.0], [finite];
     }
 }
 

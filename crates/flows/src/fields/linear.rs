@@ -20,7 +20,7 @@ params! {
     /// Parameters of a uniform flow, [`Linear::from_uniform`].
     UniformParams {
         /// The velocity everywhere, um/s.
-        velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], "finite";
+        velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], [finite];
     }
 }
 
@@ -44,14 +44,15 @@ params! {
     /// Parameters of simple shear, [`Linear::from_shear`].
     ShearParams {
         /// Shear rate g, 1/s.
-        rate_per_s: f64 = 12.9, "finite";
+        rate_per_s: f64 = 12.9, [finite];
         /// Direction of the velocity.
-        along: Axis = Axis::X, "x, y or z";
+        along: Axis = Axis::X, [one of], "x, y or z";
         /// Direction of the velocity gradient.
-        across: Axis = Axis::Z, "x, y or z, other than along";
+        across: Axis = Axis::Z, [one of], "x, y or z, other than along";
         /// A point in the layer at rest, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+        #[otherwise = "on the floor"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 
@@ -81,10 +82,11 @@ params! {
     /// Parameters of solid rotation, [`Linear::from_rotation`].
     RotationParams {
         /// Angular velocity vector, rad/s; a positive z component is clockwise on the screen.
-        omega_rad_s: [f64; 3] = [0.0, 0.0, 5.0], "finite";
+        omega_rad_s: [f64; 3] = [0.0, 0.0, 5.0], [finite];
         /// A point on the axis, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 
@@ -129,12 +131,13 @@ params! {
     /// Parameters of pure strain, [`Linear::from_strain`].
     StrainParams {
         /// Strain rate e, 1/s; negative: compression along the axis of extension.
-        rate_per_s: f64 = 10.0, "finite";
+        rate_per_s: f64 = 10.0, [finite];
         /// Planar in xy, or uniaxial along an axis.
-        kind: Strain = Strain::Planar, "planar, uniaxial_x, uniaxial_y or uniaxial_z";
+        kind: Strain = Strain::Planar, [one of], "planar, uniaxial_x, uniaxial_y or uniaxial_z";
         /// Stagnation point, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 
@@ -162,10 +165,11 @@ params! {
     /// Parameters of isotropic dilatation, [`Linear::from_dilatation`].
     DilatationParams {
         /// Rate of expansion along every axis, 1/s; negative: contraction.
-        rate_per_s: f64 = 5.0, "finite";
+        rate_per_s: f64 = 5.0, [finite];
         /// Stagnation point, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 
@@ -193,12 +197,13 @@ params! {
     /// Parameters of the general linear field, [`Linear::from_params`].
     LinearParams {
         /// The velocity at the center, um/s.
-        velocity_um_s: [f64; 3] = [600.0, 0.0, 0.0], "finite";
+        velocity_um_s: [f64; 3] = [600.0, 0.0, 0.0], [finite];
         /// Rows of the velocity gradient du_i/dx_j, 1/s.
-        gradient_per_s: [[f64; 3]; 3] = [[2.0, -6.0, 0.0], [4.0, -2.0, 0.0], [0.0, 0.0, 0.0]], "finite";
+        gradient_per_s: [[f64; 3]; 3] = [[2.0, -6.0, 0.0], [4.0, -2.0, 0.0], [0.0, 0.0, 0.0]], [finite];
         /// The center, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 

@@ -21,14 +21,14 @@ params! {
     /// Parameters of [`TanhLayer`].
     TanhLayerParams {
         /// Mean of the two speeds, um/s.
-        mean_speed_um_s: f64 = 645.0, "finite";
+        mean_speed_um_s: f64 = 645.0, [finite];
         /// Speed at large positive y minus speed at large negative y, um/s.
-        difference_um_s: f64 = 1290.0, "finite";
+        difference_um_s: f64 = 1290.0, [finite];
         /// Thickness of the layer, um.
-        thickness_um: f64 = 12.9, "> 0";
+        thickness_um: f64 = 12.9, [> 0];
         /// y of the center of the layer, um.
         #[alias = "centre_y_um"]
-        center_y_um: f64 = 0.0, "finite";
+        center_y_um: f64 = 0.0, [finite];
     }
 }
 
@@ -52,12 +52,12 @@ params! {
     /// Parameters of [`BickleyJet`].
     BickleyJetParams {
         /// Speed at the center line, um/s.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        max_speed_um_s: f64 = 1290.0, [finite];
         /// Half width, at which the speed is 0.42 of the maximum, um.
-        half_width_um: f64 = 40.0, "> 0";
+        half_width_um: f64 = 40.0, [> 0];
         /// y of the center line, um.
         #[alias = "centre_y_um"]
-        center_y_um: f64 = 0.0, "finite";
+        center_y_um: f64 = 0.0, [finite];
     }
 }
 

@@ -23,20 +23,21 @@ params! {
     PoiseuilleParams {
         /// Speed midway between the plates, um/s; negative: opposite direction.
         #[otherwise = "1290.0"]
-        max_speed_um_s: Option<f64> = None, "finite";
+        max_speed_um_s: Option<f64> = None, [finite];
         /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
         #[otherwise = "none"]
-        mean_speed_um_s: Option<f64> = None, "finite";
+        mean_speed_um_s: Option<f64> = None, [finite];
         /// Instead of `max_speed_um_s`: volumetric flow rate through the width `width_um`, ul/min.
         #[otherwise = "none"]
-        flow_rate_ul_min: Option<f64> = None, "finite";
+        flow_rate_ul_min: Option<f64> = None, [finite];
         /// Channel width for `flow_rate_ul_min`, um; the velocity does not vary across it.
         #[otherwise = "none"]
-        width_um: Option<f64> = None, "> 0";
+        width_um: Option<f64> = None, [> 0];
         /// z of floor and ceiling, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
         /// Direction of the flow in the image plane, from x toward y, rad.
-        direction_rad: f64 = 0.0, "finite";
+        direction_rad: f64 = 0.0, [finite];
     }
 }
 

@@ -17,12 +17,12 @@ params! {
     /// Parameters of [`Rankine`].
     RankineParams {
         /// Speed at the edge of the core, um/s; positive: from x toward y.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        max_speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the core, um.
-        core_radius_um: f64 = 40.0, "> 0";
+        core_radius_um: f64 = 40.0, [> 0];
         /// x and y of the axis, um.
         #[alias = "centre_um"]
-        center_um: [f64; 2] = [0.0, 0.0], "finite";
+        center_um: [f64; 2] = [0.0, 0.0], [finite];
     }
 }
 

@@ -35,13 +35,13 @@ params! {
     /// Parameters of [`Sinusoid`].
     SinusoidParams {
         /// Maximum speed A, um/s.
-        amplitude_um_s: f64 = 387.0, "finite";
+        amplitude_um_s: f64 = 387.0, [finite];
         /// Wavelength, um.
-        wavelength_um: f64 = 41.28, "> 0";
+        wavelength_um: f64 = 41.28, [> 0];
         /// Phase p at the center of the image, rad.
-        phase_rad: f64 = 0.0, "finite";
+        phase_rad: f64 = 0.0, [finite];
         /// Directions in which the velocity varies.
-        variation: Variation = Variation::Transverse, "transverse, longitudinal or product";
+        variation: Variation = Variation::Transverse, [one of], "transverse, longitudinal or product";
     }
 }
 

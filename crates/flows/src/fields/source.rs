@@ -41,16 +41,18 @@ params! {
     /// Parameters of [`Source`].
     SourceParams {
         /// A line along z, a point, or a line between two plates.
-        shape: SourceShape = SourceShape::Line, "line, point or hele_shaw";
+        shape: SourceShape = SourceShape::Line, [one of], "line, point or hele_shaw";
         /// Radial speed at the edge of the core, um/s; negative: a sink.
-        core_speed_um_s: f64 = 1290.0, "finite";
+        core_speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the core, um.
-        core_radius_um: f64 = 20.0, "> 0";
+        core_radius_um: f64 = 20.0, [> 0];
         /// The center, um; only a point source uses z.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
         /// z of floor and ceiling of the Hele-Shaw cell, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
     }
 }
 

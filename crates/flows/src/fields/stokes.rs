@@ -30,12 +30,13 @@ params! {
     /// Parameters of [`StokesSphere`].
     StokesSphereParams {
         /// Velocity far from the sphere, um/s.
-        velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], "finite";
+        velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], [finite];
         /// Radius of the sphere, um.
-        radius_um: f64 = 30.0, "> 0";
+        radius_um: f64 = 30.0, [> 0];
         /// Center of the sphere, um.
         #[alias = "centre_um"]
-        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[otherwise = "mid-depth"]
+        center_um: Option<[f64; 3]> = None, [finite];
     }
 }
 
@@ -65,14 +66,14 @@ params! {
     /// Parameters of [`StokesCylinder`].
     StokesCylinderParams {
         /// Speed along x on the surface of the cell and outside it, um/s.
-        speed_um_s: f64 = 1290.0, "finite";
+        speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the cylinder, um.
-        radius_um: f64 = 30.0, "> 0";
+        radius_um: f64 = 30.0, [> 0];
         /// Radius of the cell, um.
-        cell_radius_um: f64 = 200.0, "> 1.05 radius_um";
+        cell_radius_um: f64 = 200.0, [> 0], "> 1.05 radius_um";
         /// x and y of the axis, um.
         #[alias = "centre_um"]
-        center_um: [f64; 2] = [0.0, 0.0], "finite";
+        center_um: [f64; 2] = [0.0, 0.0], [finite];
     }
 }
 

@@ -24,18 +24,20 @@ params! {
     TubeParams {
         /// Speed on the axis, um/s.
         #[otherwise = "1290.0"]
-        max_speed_um_s: Option<f64> = None, "finite";
+        max_speed_um_s: Option<f64> = None, [finite];
         /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
         #[otherwise = "none"]
-        mean_speed_um_s: Option<f64> = None, "finite";
+        mean_speed_um_s: Option<f64> = None, [finite];
         /// Instead of `max_speed_um_s`: volumetric flow rate, ul/min.
         #[otherwise = "none"]
-        flow_rate_ul_min: Option<f64> = None, "finite";
+        flow_rate_ul_min: Option<f64> = None, [finite];
         /// Inner radius, um.
-        radius_um: Option<f64> = None, "> 0; unless given, half the depth range";
+        #[otherwise = "half the depth range"]
+        radius_um: Option<f64> = None, [> 0];
         /// y and z of the axis, um.
         #[alias = "centre_yz_um"]
-        center_yz_um: Option<[f64; 2]> = None, "finite; unless given, (0, mid-depth)";
+        #[otherwise = "(0, mid-depth)"]
+        center_yz_um: Option<[f64; 2]> = None, [finite];
     }
 }
 

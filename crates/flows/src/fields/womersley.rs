@@ -45,20 +45,21 @@ params! {
     /// Parameters of [`Womersley`].
     WomersleyParams {
         /// Two plates, or a tube whose diameter is the distance between floor and ceiling.
-        cross_section: CrossSection = CrossSection::Plane, "plane or tube";
+        cross_section: CrossSection = CrossSection::Plane, [one of], "plane or tube";
         /// Steady part of the mean velocity over the cross-section, um/s.
-        steady_speed_um_s: f64 = 430.0, "finite";
+        steady_speed_um_s: f64 = 430.0, [finite];
         /// Amplitude of the pulsating part of the mean velocity (a cosine in time), um/s.
-        amplitude_um_s: f64 = 430.0, "finite";
+        amplitude_um_s: f64 = 430.0, [finite];
         /// Frequency, Hz.
-        frequency_hz: f64 = 20.0, "> 0, Womersley number at most 40";
+        frequency_hz: f64 = 20.0, [> 0], "Womersley number at most 40";
         /// Kinematic viscosity, um^2/s; water: 1e6.
-        viscosity_um2_s: f64 = 1e6, "> 0, Womersley number at most 40";
+        viscosity_um2_s: f64 = 1e6, [> 0], "Womersley number at most 40";
         /// z of floor and ceiling, um.
-        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+        #[otherwise = "the depth range"]
+        walls_z_um: Option<[f64; 2]> = None, [finite], "floor below ceiling";
         /// y of the axis of the tube, um.
         #[alias = "centre_y_um"]
-        center_y_um: f64 = 0.0, "finite";
+        center_y_um: f64 = 0.0, [finite];
     }
 }
 

@@ -35,7 +35,7 @@ pub struct GridGeometry {
     /// Position of the first node (x, y, z).
     pub origin_um: [f64; 3],
     /// Node spacing along x, y and z, um.
-    #[cfg_attr(feature = "schema", schemars(extend("x-range" = "> 0")))]
+    #[cfg_attr(feature = "schema", schemars(extend("exclusiveMinimum" = 0)))]
     pub spacing_um: [f64; 3],
     /// Increasing times of the stored fields, s; empty for a single field.
     pub times_s: Vec<f64>,

@@ -107,11 +107,11 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
             Ok(number) => {
                 found.insert(known, (number, line));
             }
-            Err(_) => fault(format!("{key} = {value}: expected {}", KEYS[known].allowed)),
+            Err(_) => fault(format!("{key} = {value}: expected {}", KEYS[known].allowed())),
         }
     }
     for key in KEYS.iter().filter(|k| !seen.contains_key(k.name)) {
-        faults.push(Fault::of(name, format!("{} is missing: expected {}", key.name, key.allowed)));
+        faults.push(Fault::of(name, format!("{} is missing: expected {}", key.name, key.allowed())));
     }
     // Ranges are checked only when all values are numbers, because they depend on each other.
     if faults.is_empty() {

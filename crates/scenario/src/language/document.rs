@@ -128,11 +128,9 @@ fn row(path: &str, shown: &str, entry: &Entry<'_>, values: &Value, schema: Schem
     };
     let inner = entry.schema;
     let unit = inner.and_then(|schema| schema.words("x-unit")).unwrap_or_default();
-    let is_raw = inner.is_some_and(|schema| schema.range() == "any" || schema.range() == "finite");
-    let range = inner.filter(|_| !is_raw).map(|schema| schema.range()).unwrap_or_default();
-    let range = range.split("; unless given").next().unwrap_or_default();
+    let range = inner.map(|schema| schema.range()).unwrap_or_default();
     let default = if entry.is_variant { String::new() } else { default(path, entry, values, schema) };
-    format!("| {name} | {unit} | {default} | {} | {} |\n", cell(range), cell(&entry.meaning()))
+    format!("| {name} | {unit} | {default} | {} | {} |\n", cell(&range), cell(&entry.meaning()))
 }
 
 /// The default of a key as a cell.
@@ -152,14 +150,6 @@ fn default(path: &str, entry: &Entry<'_>, values: &Value, schema: Schema<'_>) ->
         (Some(words), _) => cell(words),
         (None, Some(text)) => format!("`{text}`"),
         (None, None) if value.is_some() => String::new(),
-        // A field parameter without a default is derived from the depth range, as the text of its range
-        // states.
-        (None, None) if path.starts_with(FIELD) => {
-            let words = inner.range();
-            words
-                .split_once("unless given, ")
-                .map_or_else(|| "\u{2013}".to_owned(), |(_, default)| default.to_owned())
-        }
         (None, None) => "\u{2013}".to_owned(),
     }
 }

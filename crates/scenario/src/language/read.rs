@@ -53,7 +53,7 @@ impl Walk<'_, '_> {
                 Some((word == "true").into())
             }
             (ValueKind::Text, Content::Text(text)) => {
-                let one_of = schema.attribute("enum").and_then(Value::as_array);
+                let one_of = schema.listed();
                 if one_of.is_none_or(|names| names.contains(&text.as_str().into())) {
                     return Some(text.as_str().into());
                 }

@@ -1,5 +1,8 @@
 //! Access to the JSON Schema of the language, which [`super::derive`] derives from the structs of `spec`.
 
+use std::ops::Bound;
+
+use microsig_core::Interval;
 use serde_json::Value;
 
 /// A type of the language: a section, a choice, a number.
@@ -238,70 +241,80 @@ impl<'a> Schema<'a> {
         Entry { name: "", is_variant: false, schema: Some(*self), site: self.site }
     }
 
-    /// Whether a number is in range.
-    pub fn allows(&self, x: f64) -> bool {
-        let bound = |name| self.attribute(name).and_then(Value::as_f64);
-        let one_of = self.attribute("enum").and_then(Value::as_array);
-        (x.is_finite() || self.attribute("x-infinite").is_some() && x == f64::INFINITY)
-            && bound("minimum").is_none_or(|low| x >= low)
-            && bound("exclusiveMinimum").is_none_or(|low| x > low)
-            && bound("maximum").is_none_or(|high| x <= high || x.is_infinite())
-            && bound("exclusiveMaximum").is_none_or(|high| x < high)
-            && one_of.is_none_or(|values| values.iter().any(|v| v.as_f64() == Some(x)))
+    /// The range of a number.
+    pub fn interval(&self) -> Interval {
+        let bound = |included, excluded| {
+            let value = |name| self.attribute(name).and_then(Value::as_f64);
+            let excluded = value(excluded).map_or(Bound::Unbounded, Bound::Excluded);
+            value(included).map_or(excluded, Bound::Included)
+        };
+        Interval { low: bound("minimum", "exclusiveMinimum"), high: bound("maximum", "exclusiveMaximum") }
     }
 
-    /// The range in words; empty if every number is allowed.
+    /// The only values that are allowed, if they are listed.
+    pub(crate) fn listed(&self) -> Option<&'a Vec<Value>> {
+        self.attribute("enum").and_then(Value::as_array)
+    }
+
+    /// Whether a number is in range.
+    pub fn allows(&self, x: f64) -> bool {
+        let is_listed = self.listed().is_none_or(|values| values.iter().any(|v| v.as_f64() == Some(x)));
+        self.interval().contains(x) && is_listed
+            || self.attribute("x-infinite").is_some() && x == f64::INFINITY
+    }
+
+    /// The range in words, followed by the condition; empty if every value is allowed.
     pub fn range(&self) -> String {
-        if let Some(words) = self.words("x-range") {
-            return words.to_owned();
-        }
-        let bound = |name| self.attribute(name).and_then(number);
-        if let Some(values) = self.attribute("enum").and_then(Value::as_array) {
-            return one_of(values.iter().filter_map(|v| number(v).or_else(|| v.as_str().map(str::to_owned))));
-        }
-        let low =
-            bound("minimum").map(|low| (low, false)).or(bound("exclusiveMinimum").map(|low| (low, true)));
-        let high =
-            bound("maximum").map(|high| (high, false)).or(bound("exclusiveMaximum").map(|high| (high, true)));
-        let range = match (low, high) {
-            (None, None) => String::new(),
-            (Some((low, false)), None) => format!(">= {low}"),
-            (Some((low, true)), None) => format!("> {low}"),
-            (Some((low, false)), Some((high, false))) => format!("{low} to {high}"),
-            (Some((low, exclusive)), Some((high, open))) => {
-                let (least, most) = (if exclusive { ">" } else { ">=" }, if open { "<" } else { "<=" });
-                format!("{least} {low} and {most} {high}")
+        let interval = self.interval();
+        let range = match (self.kind(), self.listed()) {
+            (ValueKind::Choice, _) => String::new(),
+            (ValueKind::List(item), _) => each(&item.range()),
+            (ValueKind::Tuple(items), _) => {
+                let mut ranges = items.iter().map(Schema::range);
+                let first = ranges.next().unwrap_or_default();
+                if ranges.all(|range| range == first) { each(&first) } else { String::new() }
             }
-            (None, Some((high, open))) => format!("{} {high}", if open { "<" } else { "<=" }),
+            (_, Some(values)) => {
+                let word = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+                one_of(values.iter().map(word))
+            }
+            _ if interval == Interval::FINITE => String::new(),
+            _ if self.attribute("x-infinite").is_some() => format!("{interval}, or inf"),
+            _ => interval.to_string(),
         };
-        if self.attribute("x-infinite").is_some() { format!("{range}, or inf") } else { range }
+        match self.words("x-condition") {
+            Some(condition) if range.is_empty() => condition.to_owned(),
+            Some(condition) => format!("{range}; {condition}"),
+            None => range,
+        }
     }
 
     /// Type, range and unit in words.
     pub fn allowed(&self) -> String {
-        let (unit, range) = (self.words("x-unit").unwrap_or_default(), self.range());
-        let with = |what: &str| {
-            let range = range.split("; unless given").next().unwrap_or_default();
-            let (range, join) = match range
-                .strip_prefix("finite")
-                .or(Some("").filter(|_| ["", "any"].contains(&range)))
-            {
-                Some(rest) => (format!("a finite {what}{rest}").replace("finite whole", "whole"), ", in "),
-                None if range.starts_with(['>', '<']) => (format!("a {what} {range}"), " "),
-                None => (format!("a {what}, {range}"), " "),
+        let number = |what: &str| {
+            let (interval, unit) = (self.interval(), self.words("x-unit").unwrap_or_default());
+            let (is_infinite, is_whole) = (self.attribute("x-infinite").is_some(), what == "whole number");
+            let unit = |join| if unit.is_empty() { String::new() } else { format!("{join}{unit}") };
+            let range = match (interval.low, interval.high) {
+                _ if self.listed().is_some() => format!("a {what}, {}{}", self.range(), unit(" ")),
+                (Bound::Unbounded, Bound::Unbounded) if is_whole => format!("a {what}{}", unit(", in ")),
+                (Bound::Unbounded, Bound::Unbounded) => format!("a finite {what}{}", unit(", in ")),
+                (Bound::Included(_), Bound::Included(_)) => format!("a {what}, {interval}{}", unit(" ")),
+                _ => format!("a {what} {interval}{}", unit(" ")),
             };
-            if unit.is_empty() { range } else { format!("{range}{join}{unit}") }
+            let range = if is_infinite { format!("{range}, or inf") } else { range };
+            self.words("x-condition").map_or(range.clone(), |condition| format!("{range}; {condition}"))
         };
         match self.kind() {
             ValueKind::Section => "values in parentheses".to_owned(),
             ValueKind::Choice => one_of(self.below().iter().map(|entry| entry.name.to_owned())),
             ValueKind::List(_) => "a list in square brackets".to_owned(),
             ValueKind::Tuple(items) => format!("{} values in parentheses", items.len()),
-            ValueKind::Number => with("number"),
-            ValueKind::Whole => with("whole number"),
+            ValueKind::Number => number("number"),
+            ValueKind::Whole => number("whole number"),
             ValueKind::Flag => "true or false".to_owned(),
-            ValueKind::Text if range.is_empty() => "a string in quotes".to_owned(),
-            ValueKind::Text => range,
+            ValueKind::Text if self.range().is_empty() => "a string in quotes".to_owned(),
+            ValueKind::Text => self.range(),
             ValueKind::Raw => "a value".to_owned(),
         }
     }
@@ -345,8 +358,7 @@ fn one_of(names: impl Iterator<Item = String>) -> String {
     format!("one of {}", names.collect::<Vec<_>>().join(", "))
 }
 
-/// A number as text; in scientific notation if very large or small.
-fn number(value: &Value) -> Option<String> {
-    let x = value.as_f64()?;
-    Some(if x != 0.0 && !(1e-4..1e7).contains(&x.abs()) { format!("{x:e}") } else { format!("{x}") })
+/// The range of the items of a list in words.
+fn each(range: &str) -> String {
+    if range.is_empty() { String::new() } else { format!("each {range}") }
 }

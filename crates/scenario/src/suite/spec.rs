@@ -35,15 +35,15 @@ pub struct TrackSpec {
     pub rank_by: Vec<Metric>,
     /// Radius of the matching gate in the image plane, px; by default that of `evaluate`.
     #[serde(default)]
-    #[schemars(extend("x-range" = "> 0 and <= 1000"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1000))]
     pub gate_xy_px: Option<f64>,
     /// Half-height of the matching gate along z, um; by default a tenth of the depth range.
     #[serde(default)]
-    #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
     pub gate_z_um: Option<f64>,
     /// Dimensions in which particles are scored; by default 3 if truth and result have depth.
     #[serde(default)]
-    #[schemars(extend("x-range" = "2 or 3"))]
+    #[schemars(range(min = 2, max = 3))]
     pub dims: Option<u8>,
     /// The sizes of the track's datasets.
     pub sizes: Sizes,
@@ -95,7 +95,7 @@ pub struct LadderSpec {
     pub case: Option<String>,
     /// Dimensions in which particles are scored; by default those of the track.
     #[serde(default)]
-    #[schemars(extend("x-range" = "2 or 3"))]
+    #[schemars(range(min = 2, max = 3))]
     pub dims: Option<u8>,
     /// The scores by which its cases are ranked; by default those of the track.
     #[serde(default)]
@@ -123,7 +123,7 @@ pub struct AxisLabel {
     /// Factor from the key's value to the quantity, for example 0.1 from counts to SNR at a noise of 10
     /// counts.
     #[serde(default = "one")]
-    #[schemars(extend("x-range" = "> 0 and <= 1e9"))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e9))]
     pub factor: f64,
 }
 

@@ -18,7 +18,7 @@ params! {
     /// Parameters of [`Translated`].
     TranslatedParams {
         /// Displacement of the field, um.
-        offset_um: [f64; 3] = [0.0, 0.0, 0.0], "finite";
+        offset_um: [f64; 3] = [0.0, 0.0, 0.0], [finite];
     }
 }
 
@@ -26,12 +26,12 @@ params! {
     /// Parameters of [`Rotated`].
     RotatedParams {
         /// Direction of the axis.
-        axis: [f64; 3] = [0.0, 0.0, 1.0], "finite, not all zero";
+        axis: [f64; 3] = [0.0, 0.0, 1.0], [finite], "not all zero";
         /// Angle of rotation, rad; a positive angle about z is clockwise on the screen.
-        angle_rad: f64 = 0.0, "finite";
+        angle_rad: f64 = 0.0, [finite];
         /// A point on the axis, um.
         #[alias = "centre_um"]
-        center_um: [f64; 3] = [0.0, 0.0, 0.0], "finite";
+        center_um: [f64; 3] = [0.0, 0.0, 0.0], [finite];
     }
 }
 
@@ -39,9 +39,9 @@ params! {
     /// Parameters of [`Mirrored`].
     MirroredParams {
         /// Axis normal to the mirror plane.
-        axis: Axis = Axis::X, "x, y or z";
+        axis: Axis = Axis::X, [one of], "x, y or z";
         /// Position of the mirror plane on this axis, um.
-        at_um: f64 = 0.0, "finite";
+        at_um: f64 = 0.0, [finite];
     }
 }
 

@@ -16,12 +16,12 @@ params! {
     /// Parameters of [`Scaled`].
     ScaledParams {
         /// Factor by which velocities are multiplied.
-        velocity_factor: f64 = 1.0, "finite";
+        velocity_factor: f64 = 1.0, [finite];
         /// Factor by which lengths are multiplied.
-        length_factor: f64 = 1.0, "> 0";
+        length_factor: f64 = 1.0, [> 0];
         /// Fixed point of the scaling, um.
         #[alias = "centre_um"]
-        center_um: [f64; 3] = [0.0, 0.0, 0.0], "finite";
+        center_um: [f64; 3] = [0.0, 0.0, 0.0], [finite];
     }
 }
 

@@ -18,7 +18,7 @@ params! {
     /// Parameters of [`Moving`].
     MovingParams {
         /// Velocity of the moving frame, um/s.
-        velocity_um_s: [f64; 3] = [0.0, 0.0, 0.0], "finite";
+        velocity_um_s: [f64; 3] = [0.0, 0.0, 0.0], [finite];
     }
 }
 
@@ -26,13 +26,13 @@ params! {
     /// Parameters of [`Modulated`].
     ModulatedParams {
         /// Mean m of the modulation factor.
-        mean: f64 = 1.0, "finite";
+        mean: f64 = 1.0, [finite];
         /// Amplitude a of the modulation factor.
-        amplitude: f64 = 0.0, "finite";
+        amplitude: f64 = 0.0, [finite];
         /// Frequency f of the modulation, Hz.
-        frequency_hz: f64 = 10.0, ">= 0";
+        frequency_hz: f64 = 10.0, [>= 0];
         /// Phase p of the cosine, rad.
-        phase_rad: f64 = 0.0, "finite";
+        phase_rad: f64 = 0.0, [finite];
     }
 }
 

@@ -5,7 +5,7 @@ use crate::entry::{FieldEntry, PlotPlane};
 use crate::error::Result;
 use crate::field::VelocityField;
 use crate::fields::composition::vortex;
-use crate::params::Parameter;
+use crate::params::{Parameter, range_of};
 
 pub(crate) const ENTRY: FieldEntry = FieldEntry {
     name: "gridded",
@@ -14,30 +14,35 @@ pub(crate) const ENTRY: FieldEntry = FieldEntry {
         Parameter::new(
             "interpolation",
             "Interpolation::Tricubic",
+            None,
             "tricubic or trilinear",
             "Interpolation between the nodes.",
         ),
         Parameter::new(
             "periodic",
             "[false, false, false]",
+            None,
             "true or false",
             "Whether the data are periodic along x, y and z.",
         ),
         Parameter::new(
             "origin_um",
             "[-240.0, -120.0, -80.0]",
-            "finite",
+            range_of!(finite),
+            "",
             "For a `.npy` file, in the key `geometry`: position of the first node, um.",
         ),
         Parameter::new(
             "spacing_um",
             "[10.0, 10.0, 10.0]",
-            "> 0",
+            range_of!(> 0),
+            "",
             "For a `.npy` file, in `geometry`: node spacing along x, y and z, um.",
         ),
         Parameter::new(
             "times_s",
             "[]",
+            range_of!(finite),
             "increasing",
             "For a `.npy` file, in `geometry`: times of the stored fields, s.",
         ),

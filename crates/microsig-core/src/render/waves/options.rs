@@ -180,7 +180,7 @@ pub enum Mask {
     /// A ring.
     Annulus {
         /// Inner radius, in units of the pupil's radius.
-        #[cfg_attr(feature = "schema", schemars(extend("x-range" = ">= 0 and < 1"), example = 0.5))]
+        #[cfg_attr(feature = "schema", schemars(extend("minimum" = 0, "exclusiveMaximum" = 1), example = 0.5))]
         inner: f64,
     },
     /// Discs inside the pupil that do not overlap, as in a plate with pinholes.
@@ -202,7 +202,7 @@ pub struct Pinhole {
     #[cfg_attr(feature = "schema", schemars(range(min = -1.0, max = 1.0)))]
     pub y: f64,
     /// Radius.
-    #[cfg_attr(feature = "schema", schemars(extend("x-range" = "> 0 and <= 1")))]
+    #[cfg_attr(feature = "schema", schemars(extend("exclusiveMinimum" = 0, "maximum" = 1)))]
     pub r: f64,
 }
 
