@@ -1,5 +1,7 @@
 //! Plot of a velocity field: speed in a plane of the default scene, and streamlines.
 
+use std::ops::Range;
+
 use base64::Engine;
 use flows::VelocityField;
 use flows::registry::{FieldEntry, PlotPlane};
@@ -27,11 +29,7 @@ const STEPS: u32 = 30;
 /// [`Error::Flow`] if the field's default instance cannot be built.
 pub fn svg(entry: &FieldEntry) -> Result<String> {
     let field = (entry.make)()?;
-    let mut text = String::new();
-    let map =
-        draw(entry, field.as_ref(), &mut text).map_err(|e| Error::input(format!("{}: {e}", entry.name)))?;
-    map.put_into(&text)
-        .ok_or_else(|| Error::input(format!("{}: the placeholder of the speed map is missing", entry.name)))
+    draw(entry, field.as_ref()).map_err(|e| Error::input(format!("{}: {e}", entry.name)))
 }
 
 /// The horizontal and the vertical axis of a plot plane.
@@ -53,7 +51,7 @@ fn name(axis: Axis) -> &'static str {
 
 type Drawn<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Drawn<SpeedMap> {
+fn draw(entry: &FieldEntry, field: &dyn VelocityField) -> Drawn<String> {
     let plane = entry.plane;
     let (right, down) = axes(plane);
     let scene = Region::new(SCENE.0, SCENE.1)?;
@@ -64,8 +62,8 @@ fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Dra
 
     let width = 820u32;
     let height = ((f64::from(width) - 170.0) * (v1 - v0) / (u1 - u0)) as u32 + 110;
-    let root = SVGBackend::with_string(text, (width, height)).into_drawing_area();
-    root.fill(&WHITE)?;
+    let mut plot = String::new();
+    let root = SVGBackend::with_string(&mut plot, (width, height)).into_drawing_area();
     let (picture, key) = root.split_horizontally(width - 90);
     // Rows grow downward, as in the image; depth grows upward, away from the lens.
     let (bottom, top) = if down == Axis::Y { (v1, v0) } else { (v0, v1) };
@@ -96,10 +94,6 @@ fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Dra
 
     let map = SpeedMap::new(field, &at, (u0, u1), (v0, v1), bottom < top);
     let fastest = map.fastest;
-    // Placeholder, later replaced by the speed map as a single embedded image: plotters would write thousands
-    // of rectangles.
-    chart.draw_series(std::iter::once(Rectangle::new([(u0, v0), (u1, v1)], PLACEHOLDER.filled())))?;
-
     let seeds_down = (f64::from(SEEDS) * (v1 - v0) / (u1 - u0)).ceil().max(5.0) as u32;
     let ink = RGBColor(20, 20, 20).mix(0.75);
     for j in 0..seeds_down {
@@ -118,11 +112,14 @@ fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Dra
     }
     color_key(&key, fastest, height)?;
     root.present()?;
-    Ok(map)
+    let area = chart.plotting_area().get_pixel_range();
+    drop((chart, picture, key, root));
+    Ok(format!(
+        "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" xmlns=\"http://www.w3.org/2000/svg\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"#FFFFFF\"/>\n{}\n{plot}</svg>\n",
+        map.image(area)?
+    ))
 }
-
-/// Placeholder color that occurs nowhere else in the plot.
-const PLACEHOLDER: RGBColor = RGBColor(1, 2, 3);
 
 /// Speed in a plane, as an image.
 struct SpeedMap {
@@ -161,24 +158,20 @@ impl SpeedMap {
         SpeedMap { pixels, fastest }
     }
 
-    /// The SVG with the placeholder replaced by the speed map.
-    fn put_into(&self, svg: &str) -> Option<String> {
-        let mark = svg.find("fill=\"#010203\"")?;
-        let start = svg[..mark].rfind("<rect")?;
-        let end = start + svg[start..].find("/>")? + 2;
-        let value = |name: &str| {
-            let from = svg[start..end].find(&format!(" {name}=\""))? + start + name.len() + 3;
-            svg[from..].split('"').next()
-        };
+    /// The map as an element of an SVG file, from the centers of the first to those of the last of these columns
+    /// and rows, as plotters places axes; it would write thousands of rectangles.
+    fn image(&self, (columns, rows): (Range<i32>, Range<i32>)) -> Drawn<String> {
         let mut png = std::io::Cursor::new(Vec::new());
-        self.pixels.write_to(&mut png, image::ImageFormat::Png).ok()?;
-        let data = base64::engine::general_purpose::STANDARD.encode(png.get_ref());
-        let (x, y, width, height) = (value("x")?, value("y")?, value("width")?, value("height")?);
-        let picture = format!(
-            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" preserveAspectRatio=\"none\" \
-             href=\"data:image/png;base64,{data}\"/>"
-        );
-        Some(format!("{}{picture}{}", &svg[..start], &svg[end..]))
+        self.pixels.write_to(&mut png, image::ImageFormat::Png)?;
+        Ok(format!(
+            "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
+             href=\"data:image/png;base64,{}\"/>",
+            columns.start,
+            rows.start,
+            columns.len() - 1,
+            rows.len() - 1,
+            base64::engine::general_purpose::STANDARD.encode(png.get_ref())
+        ))
     }
 }
 

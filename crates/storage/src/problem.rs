@@ -168,10 +168,18 @@ impl Problem {
 
     /// The message without the position.
     pub fn message(&self) -> String {
+        self.worded(None)
+    }
+
+    /// The message. If an assignment to the path has been quoted before it, with this value, they are not
+    /// repeated.
+    fn worded(&self, quoted: Option<&str>) -> String {
         let Problem { path, fault, .. } = self;
         let path = clipped(path);
-        let in_path = |text: &str| if path.is_empty() { text.to_owned() } else { format!("{path}: {text}") };
+        let is_named = !path.is_empty() && quoted.is_none();
+        let in_path = |text: &str| if is_named { format!("{path}: {text}") } else { text.to_owned() };
         let text = match fault {
+            Fault::Value { found, allowed } if quoted == Some(found) => format!("expected {allowed}"),
             Fault::Value { found, allowed } if path.is_empty() => {
                 format!("{}: expected {allowed}", clipped(found))
             }
@@ -230,12 +238,9 @@ impl fmt::Display for Problem {
             let (line, column) = place.line_and_column();
             return write!(f, "{name}:{line}:{column}: {message}");
         }
-        // An assignment already shows path and value.
-        let is_own = name.strip_prefix(&*self.path).is_some_and(|rest| rest.starts_with('='));
-        let prefixes = [format!("{} = {}: ", self.path, place.text()), format!("{}: ", self.path)];
-        let rest =
-            prefixes.iter().filter(|_| is_own).find_map(|prefix| message.strip_prefix(prefix.as_str()));
-        write!(f, "{name}: {}", rest.unwrap_or(&message))
+        // An assignment `path=value` shows path and value.
+        let is_own = place.source.text[..place.source.value_at.saturating_sub(1)] == *self.path;
+        write!(f, "{name}: {}", self.worded(is_own.then(|| place.text())))
     }
 }
 

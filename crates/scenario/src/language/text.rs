@@ -111,6 +111,17 @@ impl Node {
         }
     }
 
+    /// The last number of a tuple or in a variant: 200 of `(258, 0, 200)`, 46 of `count(46)`; `None` for lists and
+    /// values with keys.
+    pub(crate) fn last_number(&self) -> Option<f64> {
+        match &self.content {
+            Content::Word(word) => word.parse().ok(),
+            Content::Variant(_, inner) => inner.last_number(),
+            Content::Items(items) if !self.place.text().starts_with('[') => items.last()?.last_number(),
+            Content::Text(_) | Content::Fields(_) | Content::Items(_) => None,
+        }
+    }
+
     /// Position of the value at a path, or of the innermost part of the path that the text contains; and
     /// whether it contains the entire path.
     pub(crate) fn find(&self, path: &str) -> (Place, bool) {
@@ -339,6 +350,22 @@ mod tests {
 
     fn tree(text: &str) -> Result<Node, Problem> {
         parse(&Arc::new(Source::file("s.ron", text)))
+    }
+
+    #[test]
+    fn the_last_number_of_a_value_is_found() {
+        let of = |value| parse(&Arc::new(Source::assignment("key", value))).unwrap().last_number();
+        for (value, number) in [
+            ("0.5", Some(0.5)),
+            ("(258, 0, 200)", Some(200.0)),
+            ("count(46)", Some(46.0)),
+            ("[1, 2]", None),
+            ("(a: 1)", None),
+            ("\"2\"", None),
+            ("off", None),
+        ] {
+            assert_eq!(of(value), number, "{value}");
+        }
     }
 
     #[test]

@@ -156,8 +156,8 @@ fn shown(ladder: &LadderSpec, paths: &[String], values: &[String]) -> Vec<AxisVa
         let factor = label.map_or(1.0, |label| label.factor);
         // The last number of a tuple such as (258, 0, 200) distinguishes the cases of a ladder; of a variant
         // such as count(46) its content.
-        let inner = value.rsplit(['(', ',']).next().unwrap_or(value).trim_matches([')', ' ']);
-        let number = value.parse::<f64>().or_else(|_| inner.parse()).ok();
+        let parsed = text::parse(&Arc::new(Source::assignment(path, value)));
+        let number = parsed.ok().and_then(|node| node.last_number()).filter(|number| number.is_finite());
         // Rounded to 4 digits: 0.1 times 30 is 3.0000000000000004.
         let number = number.map(|x| format!("{:.3e}", x * factor).parse().unwrap_or(x));
         AxisValue {
