@@ -351,7 +351,7 @@ fn anchors_score_what_they_are_made_of() {
 
     let off = score(folder.path(), "offset");
     assert!((number(&off, "/detection/bias_x_px") + 1.0).abs() < 1e-9);
-    assert!(off["warnings"][0].as_str().unwrap().contains("origin"), "{}", off["warnings"]);
+    assert!(off["hints"][0]["what"].as_str().unwrap().contains("origin"), "{}", off["hints"]);
 
     let nothing = score(folder.path(), "empty");
     assert_eq!(number(&nothing, "/detection/recall"), 0.0);

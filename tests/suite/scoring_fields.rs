@@ -28,7 +28,8 @@ fn score(truth: &str, result: &str) -> (FieldScore, Vec<String>) {
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
     let score = evaluate_files(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
-    (score.field.unwrap(), score.warnings)
+    let caveats = score.caveats().map(str::to_owned).collect();
+    (score.field.unwrap(), caveats)
 }
 
 /// Rounding of sums of a few hundred products of numbers below 100.

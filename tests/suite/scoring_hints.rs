@@ -52,10 +52,15 @@ fn mistakes_of_conventions_are_noticed() {
     let warned = |change: &dyn Fn(&mut TrackRow), expected: &str| {
         let mut changed = points.clone();
         changed.rows.iter_mut().for_each(change);
-        let warnings = scores(&truth, &changed).warnings;
-        assert!(warnings.iter().any(|w| w.contains(expected)), "{expected}: {warnings:?}");
+        let score = scores(&truth, &changed);
+        assert!(
+            score.caveats().any(|c| c.contains(expected)),
+            "{expected}: {:?} {:?}",
+            score.hints,
+            score.warnings
+        );
     };
-    assert_eq!(scores(&truth, &points).warnings, Vec::<String>::new());
+    assert_eq!(scores(&truth, &points).caveats().count(), 0);
     for shift in [-1.0, -0.5, 0.5, 1.0] {
         warned(
             &|r| {
@@ -124,9 +129,9 @@ fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
     let hinted = |change: &dyn Fn(&mut TrackRow), hint: &str| {
         let mut changed = perfect.clone();
         changed.rows.iter_mut().for_each(change);
-        let warnings = scores(&truth, &changed).warnings;
+        let hints = scores(&truth, &changed).hints;
         let hint = format!("{hint} F1 would be 1.000 instead of ");
-        assert!(warnings.iter().any(|w| w.starts_with(&hint)), "{hint}: {warnings:?}");
+        assert!(hints.iter().any(|h| h.what.starts_with(&hint)), "{hint}: {hints:?}");
     };
     hinted(&|r| r.frame += 1, "frames off by one? With --frame-base increased by one");
     hinted(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped? With x and y exchanged");
@@ -156,7 +161,8 @@ fn units_signs_and_origins_of_three_dimensions_are_hinted_with_the_score_they_wo
         let Some(Hint { f1, f1_now, .. }) = found else { panic!("{hint}: {:?}", score.hints) };
         assert!(*f1 > Some(0.99) && f1 >= f1_now, "{hint}: {:?}", score.hints);
         // Hints come first.
-        assert_eq!(score.warnings[0], score.hints[0].what);
+        assert_eq!(score.caveats().next(), Some(score.hints[0].what.as_str()));
+        assert!(!score.warnings.contains(&score.hints[0].what));
     };
     hinted(
         &|at| (at.x_px, at.y_px) = ((at.x_px - 1.0) * 0.65, (at.y_px - 1.0) * 0.65),

@@ -86,7 +86,9 @@ fn is_perfect(score: &serde_json::Value) {
     ] {
         assert_eq!(value(pointer), 0.0, "{pointer}");
     }
-    assert_eq!(score["warnings"].as_array().map(Vec::len), Some(0), "{}", score["warnings"]);
+    for caveats in ["hints", "warnings"] {
+        assert_eq!(score[caveats].as_array().map(Vec::len), Some(0), "{}", score[caveats]);
+    }
 }
 
 #[test]

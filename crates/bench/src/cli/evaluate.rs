@@ -172,7 +172,7 @@ impl Evaluate {
             }
         }
         if common.json {
-            warn(&evaluation.score.warnings, common);
+            warn(evaluation.score.caveats(), common);
         }
         match self.out {
             Some(_) => summarize(text.trim_end(), &evaluation.score, common),

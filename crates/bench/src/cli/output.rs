@@ -78,13 +78,14 @@ fn escaped(json: &str) -> String {
 }
 
 /// Prints warnings, unless `--quiet`.
-pub(super) fn warn(warnings: &[impl Display], common: &Common) {
+pub(super) fn warn(warnings: impl IntoIterator<Item = impl Display>, common: &Common) {
     if let Some(caller) = &common.caller {
-        caller.tell(|answer| answer.warnings.extend(warnings.iter().map(ToString::to_string)));
+        caller.tell(|answer| answer.warnings.extend(warnings.into_iter().map(|warning| warning.to_string())));
     } else if !common.quiet {
         let mut stderr = std::io::stderr().lock();
         // A warning that cannot be printed does not stop the run.
-        let _ = warnings.iter().try_for_each(|w| writeln!(stderr, "warning: {}", printable(&w.to_string())));
+        let _ =
+            warnings.into_iter().try_for_each(|w| writeln!(stderr, "warning: {}", printable(&w.to_string())));
     }
 }
 

@@ -110,7 +110,7 @@ impl SweepScores {
         for entry in entries.iter().filter(|entry| !is_new(&entry.scores.join(report::SCORE), &entry.result))
         {
             let evaluation = evaluate_files(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
-            warn(&evaluation.score.warnings, common);
+            warn(evaluation.score.caveats(), common);
             create_parent(&entry.scores)?;
             report::write(&entry.scores, &evaluation, false, replace)?;
         }

@@ -120,8 +120,8 @@ pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
 fn shared(scores: &[(Entry, Score)]) -> impl Iterator<Item = String> {
     let mut named: Vec<(&str, Vec<&str>)> = Vec::new();
     for (entry, score) in scores {
-        for warning in &score.warnings {
-            match named.iter_mut().find(|(text, _)| text == warning) {
+        for warning in score.caveats() {
+            match named.iter_mut().find(|(text, _)| *text == warning) {
                 Some((_, names)) => names.push(&entry.name),
                 None => named.push((warning, vec![&entry.name])),
             }

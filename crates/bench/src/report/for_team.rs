@@ -135,9 +135,7 @@ fn without_details(score: &Score) -> Score {
 fn with_questions(score: &Score) -> Score {
     let mut score = score.clone();
     for hint in std::mem::take(&mut score.hints) {
-        score.warnings.retain(|warning| *warning != hint.what);
         if !hint.question.is_empty() {
-            score.warnings.push(hint.question.clone());
             score.hints.push(Hint::new(hint.question, ""));
         }
     }
@@ -154,6 +152,7 @@ fn without_scores(score: &Score) -> Score {
         counts: score.counts.clone(),
         definitions: score.definitions.clone(),
         assumptions: score.assumptions.clone(),
+        hints: score.hints.clone(),
         warnings,
         ..Score::default()
     }
@@ -297,15 +296,14 @@ mod tests {
     fn hints_ask_without_scores() {
         let hint =
             Hint { f1: Some(0.91), ..Hint::new("origin mismatch?", "F1 would be 0.91 instead of 0.25") };
-        let warnings = vec!["fewer rows".to_owned(), hint.what.clone()];
+        let warnings = vec!["fewer rows".to_owned()];
         let asked = with_questions(&Score { hints: vec![hint.clone()], warnings, ..Score::default() });
-        assert_eq!(asked.warnings, ["fewer rows", "origin mismatch?"]);
+        assert_eq!(asked.warnings, ["fewer rows"]);
         assert_eq!(asked.hints, [Hint::new("origin mismatch?", "")]);
         // Read from a file, it cannot be divided.
         let read = Hint { question: String::new(), ..hint };
-        let warnings = vec![read.what.clone()];
-        let asked = with_questions(&Score { hints: vec![read], warnings, ..Score::default() });
-        assert!(asked.warnings.is_empty() && asked.hints.is_empty());
+        let asked = with_questions(&Score { hints: vec![read], ..Score::default() });
+        assert!(asked.hints.is_empty());
     }
 
     #[test]

@@ -76,7 +76,7 @@ pub(super) fn page(evaluation: &Evaluation, with_true_positions: bool) -> Result
     let body = html! {
         h1 { (score.result) " against " (score.dataset) }
         p.soft { (summary(score)) }
-        @for warning in &score.warnings { p.warning { (warning) } }
+        @for warning in score.caveats() { p.warning { (warning) } }
         @for what in &score.unknown { p.warning { "Not known: " (what) } }
         div.key { @for (name, value) in key_numbers(score) { div { (name) b { (value) } } } }
         @if !plots.is_empty() { h2 { "Strengths and weaknesses of the result" } div.plots { @for plot in &plots { (plot) } } }

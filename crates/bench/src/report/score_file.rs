@@ -83,6 +83,9 @@ pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
     for curve in score.curves.iter_mut().filter(|curve| curve.against == "neighbour_px") {
         NEIGHBOR_PX.clone_into(&mut curve.against);
     }
+    // Until 1.0.0, warnings repeated the hints.
+    let Score { hints, warnings, .. } = &mut score;
+    warnings.retain(|warning| hints.iter().all(|hint| hint.what != *warning));
     Ok(score)
 }
 
@@ -91,6 +94,16 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    #[test]
+    fn hints_that_former_versions_repeated_are_told_once() {
+        let hint = "origin mismatch? F1 would be 0.91 instead of 0.25";
+        let score = json!({ "definitions": { "versions": { "microsig": "0.3.0" } }, "detection": {},
+            "hints": [{ "what": hint }], "warnings": [hint, "fewer rows"] });
+        let score = parse(&score.to_string()).unwrap();
+        assert_eq!(score.warnings, ["fewer rows"]);
+        assert_eq!(score.caveats().collect::<Vec<_>>(), [hint, "fewer rows"]);
+    }
 
     #[test]
     fn what_is_no_score_is_refused_by_its_key() {

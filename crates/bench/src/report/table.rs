@@ -55,8 +55,7 @@ pub fn table(score: &Score) -> String {
     let mut text = format!("{} against {}\n", score.result, score.dataset);
     let out = &mut text;
     score.hints.iter().for_each(|hint| line(out, "HINT", &hint.what));
-    let is_hint = |warning: &&String| score.hints.iter().any(|hint| hint.what == **warning);
-    score.warnings.iter().filter(|w| !is_hint(w)).for_each(|w| line(out, "WARNING", w));
+    score.warnings.iter().for_each(|warning| line(out, "WARNING", warning));
     score.assumptions.iter().for_each(|a| line(out, "read as", a));
     score.unknown.iter().for_each(|what| line(out, "not known", what));
     particles(out, score);

@@ -426,7 +426,7 @@ fn result(
     CaseResult {
         scores,
         missing: score.missing(),
-        warnings: score.warnings.clone(),
+        warnings: score.caveats().map(str::to_owned).collect(),
         ..none(Status::Scored, None)
     }
 }

@@ -37,6 +37,5 @@ pub(super) fn entry(app: &App, dataset: usize, tracker: usize) -> Result<Option<
     let of = |path: &str| path.split('.').try_fold(open.score(), |value, step| value.get(step)).cloned();
     let scores = columns().map(|def| (def.path.to_owned(), of(def.path).unwrap_or(Value::Null)));
     let interval = of("detection.interval.f1").unwrap_or(Value::Null);
-    Ok(Some(json!({ "scores": Value::Object(scores.collect()), "f1_interval": interval,
-        "warnings": open.score().get("warnings") })))
+    Ok(Some(json!({ "scores": Value::Object(scores.collect()), "f1_interval": interval })))
 }

@@ -160,9 +160,8 @@ fn vectors(
     facts: &RecordingFacts,
     options: &EvaluateOptions,
 ) -> Evaluation {
-    let field::ScoredField { score, vectors, units, notes, hints, mut warnings } =
+    let field::ScoredField { score, vectors, units, notes, hints, warnings } =
         field::evaluate(truth, found, options.seed);
-    warnings.splice(0..0, hints.iter().map(|hint| hint.what.clone()));
     let score = Score {
         dataset: facts.name.clone(),
         field: Some(score),
@@ -215,8 +214,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let offset = if options.auto_offset { convention_check.offset()? } else { None };
     let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();
     let counts = counts(&scored, &matching, points, n_unlinked);
-    let mut warnings: Vec<String> = hints.iter().map(|hint| hint.what.clone()).collect();
-    warnings.extend(cautions(truth, points, &counts));
+    let warnings = cautions(truth, points, &counts);
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 

@@ -113,7 +113,6 @@ fn leave_out(evaluation: &mut Evaluation) {
     }
     score.gdpt = None;
     leave_out_tracks(score);
-    score.warnings.retain(|warning| score.hints.iter().all(|hint| hint.what != *warning));
     score.hints.clear();
     evaluation.units = UnitScores::default();
 }

@@ -86,6 +86,11 @@ impl Score {
     pub fn missing(&self) -> usize {
         self.counts.frames_missing + self.field.as_ref().map_or(0, |field| field.n_pairs_missing)
     }
+
+    /// Hints and warnings, in this order.
+    pub fn caveats(&self) -> impl Iterator<Item = &str> {
+        self.hints.iter().map(|hint| hint.what.as_str()).chain(self.warnings.iter().map(String::as_str))
+    }
 }
 
 /// Calibration of claimed uncertainties of positions.

@@ -68,7 +68,8 @@ class ResultPane {
         el("span", { "data-score": own, "data-value": String(scoreAt(score, own)), title: own }, el("b", {}, num(scoreAt(score, own), 4) + unit), ` ${name}`),
       ),
     );
-    this.page.notes.append(...(score.warnings ?? []).map((text) => el("li", {}, `${this.name}: ${text}`)));
+    const caveats = [...(score.hints ?? []).map((hint) => hint.what), ...(score.warnings ?? [])];
+    this.page.notes.append(...caveats.map((text) => el("li", {}, `${this.name}: ${text}`)));
   }
 
   /** The scores of a displacement field, by their names in score.json. */
