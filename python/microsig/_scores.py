@@ -32,12 +32,10 @@ class Scores:
     command's table. :attr:`curves` are recall and errors over depth, SNR, overlap and the distance of the nearest neighbor.
     """
 
-    def __init__(self, text: str, table: str, units: str) -> None:
+    def __init__(self, scored: _microsig.Scored) -> None:
         """Use :func:`evaluate`."""
-        self._text = text
-        self._units = units
-        self._scores: dict[str, Any] = json.loads(text)
-        self._table = table
+        self._scored = scored
+        self._scores = scored.scores()
 
     def __getattr__(self, name: str) -> Any:
         scores = self.__dict__.get("_scores", {})
@@ -58,12 +56,11 @@ class Scores:
     @property
     def json(self) -> str:
         """The bytes of ``score.json`` as the command writes it."""
-        return self._text
+        return self._scored.json()
 
     def to_dict(self) -> dict[str, Any]:
         """All scores, as in ``score.json``."""
-        scores: dict[str, Any] = json.loads(self._text)
-        return scores
+        return self._scored.scores()
 
     def to_pandas(self) -> pandas.DataFrame:
         """All single numbers: columns ``score`` (``detection.f1``) and ``value``; raises ImportError without pandas."""
@@ -98,12 +95,12 @@ class Scores:
         return _plots.curve(self, quantity, against)
 
     def __repr__(self) -> str:
-        return self._table
+        return self._scored.table()
 
     def _repr_html_(self) -> str:
         from html import escape
 
-        return f"<pre>{escape(self._table)}</pre>"
+        return f"<pre>{escape(repr(self))}</pre>"
 
 
 def _number(value: Any, name: str) -> float:
@@ -240,7 +237,7 @@ def evaluate(
     }
     place = dataset._source.place() if isinstance(dataset, Dataset) else Path(dataset)
     given = Path(result) if isinstance(result, (str, os.PathLike)) else _given(result)
-    return Scores(*_microsig.evaluate(place, given, how))
+    return Scores(_microsig.evaluate(place, given, how))
 
 
 def methods() -> dict[str, str]:
@@ -350,7 +347,7 @@ def compare(scores: Mapping[str, Scores]) -> Comparison:
             raise TypeError(f"scores: {name!r} is of type {type(score).__name__}: {allowed}")
     if not scores:
         raise ValueError(f"scores = {{}}: {allowed}, at least one")
-    entries, warnings, text = _microsig.compare([(name, score.json, score._units) for name, score in scores.items()])
+    entries, warnings, text = _microsig.compare([(name, score._scored) for name, score in scores.items()])
     return Comparison(entries, warnings, text)
 
 

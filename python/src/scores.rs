@@ -1,6 +1,7 @@
 //! Trackers and scores.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use bench::report;
 use clap::ValueEnum;
@@ -10,14 +11,14 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
-use scoring::evaluate::{EvaluateOptions, Truth, evaluate_files, evaluate_source};
+use scoring::evaluate::{EvaluateOptions, Score, Truth, UnitScores, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, Origin, Source};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
 use crate::dataset::{Kept, Made, Place};
 use crate::object::Object;
-use crate::run::{OnInterrupt, Show, run};
+use crate::run::{OnInterrupt, Show, raise, run};
 
 /// Options of scoring; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
@@ -104,14 +105,49 @@ enum Given<'py> {
     Columns(Vec<(String, columns::Given<'py>)>),
 }
 
-/// Scores of a result against the truth of a dataset: `score.json`, the command's table, and `units.json`.
+/// A scored result.
+#[pyclass(frozen, module = "microsig._microsig")]
+struct Scored {
+    score: Score,
+    /// Input of paired comparisons.
+    units: Arc<UnitScores>,
+}
+
+#[pymethods]
+impl Scored {
+    /// All scores, as in `score.json`.
+    fn scores(&self) -> PyResult<Object> {
+        Object::of(&self.score).map_err(raise)
+    }
+
+    /// The bytes of `score.json`.
+    fn json(&self) -> PyResult<String> {
+        report::json(&self.score).map_err(raise)
+    }
+
+    /// The command's table.
+    fn table(&self) -> String {
+        report::table(&self.score)
+    }
+
+    /// For pickle.
+    fn __reduce__(slf: &Bound<'_, Self>) -> PyResult<(Py<PyAny>, (String, String))> {
+        let units = report::units_json(&slf.get().units).map_err(raise)?;
+        Ok((slf.get_type().getattr("of_files")?.unbind(), (slf.get().json()?, units)))
+    }
+
+    /// From the bytes of `score.json` and `units.json`.
+    #[staticmethod]
+    fn of_files(score: &str, units: &str) -> PyResult<Self> {
+        let score = report::parse_score(score).map_err(|problems| raise(storage::Error::Input(problems)))?;
+        let units = report::parse_units(units).map_err(|problem| raise(storage::Error::input(problem)))?;
+        Ok(Scored { score, units: Arc::new(units) })
+    }
+}
+
+/// Scores a result against the truth of a dataset.
 #[pyfunction]
-fn evaluate(
-    py: Python<'_>,
-    dataset: Place<'_>,
-    result: Given<'_>,
-    how: How,
-) -> PyResult<(String, String, String)> {
+fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> PyResult<Scored> {
     let dataset = Kept::from(dataset);
     let (file, table) = match result {
         Given::File(path) => (Some(path), Columns::default()),
@@ -128,25 +164,19 @@ fn evaluate(
             (_, Some(file)) => evaluate_source(truth, Source::File(file), &options)?,
             (_, None) => evaluate_source(truth, Source::Columns(table), &options)?,
         };
-        Ok((report::json(&evaluation)?, report::table(&evaluation.score), report::units_json(&evaluation)?))
+        Ok(Scored { score: evaluation.score, units: Arc::new(evaluation.units) })
     })
 }
 
-/// The leaderboard of several scores, each with its name, `score.json` and `units.json`: its entries,
-/// warnings, text.
+/// The leaderboard of several scores by the names of their trackers: its entries, warnings, text.
 #[pyfunction]
-fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(Object, Vec<String>, String)> {
+fn compare(py: Python<'_>, scores: Vec<(String, Py<Scored>)>) -> PyResult<(Object, Vec<String>, String)> {
     run(py, false, OnInterrupt::Leave, move |_| {
-        let mut named = Vec::new();
-        for (name, json, units) in scores {
-            let of = |problems: Vec<String>| {
-                storage::Error::Input(problems.iter().map(|problem| format!("{name}: {problem}")).collect())
-            };
-            let score = report::parse_score(&json).map_err(of)?;
-            let units = report::parse_units(&units).map_err(|problem| of(vec![problem]))?;
-            named.push(report::Named { name: name.clone(), score, units: Some(std::sync::Arc::new(units)) });
-        }
-        let ranking = report::ranking(named)?;
+        let named = scores.into_iter().map(|(name, scored)| {
+            let Scored { score, units } = scored.get();
+            report::Named { name, score: score.clone(), units: Some(units.clone()) }
+        });
+        let ranking = report::ranking(named.collect())?;
         Ok((Object::of(&ranking.entries)?, ranking.warnings, ranking.text))
     })
 }
@@ -231,7 +261,7 @@ impl SweepCases {
     fn generate(&self, py: Python<'_>, index: usize) -> PyResult<Made> {
         let case = self.sweep.cases.get(index);
         let case = case.ok_or_else(|| PyIndexError::new_err(format!("case {index} does not exist")))?;
-        let spec = self.sweep.scenario(case).map_err(crate::run::raise)?;
+        let spec = self.sweep.scenario(case).map_err(raise)?;
         let inputs = self.inputs.clone();
         Made::of(py, false.into(), move || resolve(spec, &inputs))
     }
@@ -254,6 +284,7 @@ fn sweep(
 }
 
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Scored>()?;
     module.add_class::<SweepCases>()?;
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(compare, module)?)?;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 
 import microsig as ms
 import numpy as np
@@ -163,6 +164,8 @@ def test_scores_are_compared():
     board = ms.compare({"none": none, "good": good})
     assert [entry["name"] for entry in board.entries] == ["good", "none"]
     assert "good" in repr(board)
+    pickled = {name: pickle.loads(pickle.dumps(scores)) for name, scores in (("none", none), ("good", good))}
+    assert repr(ms.compare(pickled)) == repr(board) and pickled["good"].json == good.json
     with pytest.raises(ValueError, match="method"):
         ms.track(dataset, "nnc")
     assert "ncc" in ms.methods()

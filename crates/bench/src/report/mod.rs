@@ -20,7 +20,7 @@ mod tiles;
 
 use std::path::{Path, PathBuf};
 
-use scoring::evaluate::Evaluation;
+use scoring::evaluate::{Evaluation, Score, UnitScores};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{outside_datasets, save_bytes};
@@ -72,8 +72,8 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
 /// Writes the files of an evaluation into a folder that exists; returns their names.
 pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let mut names = vec![SCORE, UNITS];
-    save_bytes(&folder.join(SCORE), json(evaluation)?.as_bytes())?;
-    save_bytes(&folder.join(UNITS), units_json(evaluation)?.as_bytes())?;
+    save_bytes(&folder.join(SCORE), json(&evaluation.score)?.as_bytes())?;
+    save_bytes(&folder.join(UNITS), units_json(&evaluation.units)?.as_bytes())?;
     if let Some(particles) = &evaluation.particles {
         files::rows(&folder.join("per_frame.csv"), files::frames(particles))?;
         files::rows(&folder.join("matches.csv"), files::matches(particles))?;
@@ -103,15 +103,15 @@ pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> 
 ///
 /// # Errors
 /// A number that cannot be serialized; never observed.
-pub fn units_json(evaluation: &Evaluation) -> Result<String> {
-    serde_json::to_string(&evaluation.units).map_err(|e| Error::input(e.to_string()))
+pub fn units_json(units: &UnitScores) -> Result<String> {
+    serde_json::to_string(units).map_err(|e| Error::input(e.to_string()))
 }
 
 /// All scores as JSON.
 ///
 /// # Errors
 /// A score that cannot be serialized; never observed.
-pub fn json(evaluation: &Evaluation) -> Result<String> {
-    let text = serde_json::to_string_pretty(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
+pub fn json(score: &Score) -> Result<String> {
+    let text = serde_json::to_string_pretty(score).map_err(|e| Error::input(e.to_string()))?;
     Ok(text + "\n")
 }

@@ -351,7 +351,7 @@ fn scores_are_those_of_evaluate() {
     std::fs::write(&path, result).unwrap();
     let server = Server::of(Subject::of(Some(&out), std::slice::from_ref(&path)).unwrap());
     let expected: Value = serde_json::from_str(
-        &report::json(&evaluate_files(&out, &path, &EvaluateOptions::default()).unwrap()).unwrap(),
+        &report::json(&evaluate_files(&out, &path, &EvaluateOptions::default()).unwrap().score).unwrap(),
     )
     .unwrap();
     let about = server.json("dataset/0/result/0");
