@@ -142,7 +142,7 @@ macro_rules! params {
                     description = $meaning,
                     transform = crate::params::restricted(
                         crate::params::range_of!($($range)+),
-                        crate::params::first_of(&[$($condition)?], ""),
+                        concat!($($condition)?),
                     ),
                 ))]
                 $(#[cfg_attr(feature = "schema", schemars(extend("x-formerly" = [$alias])))])?
@@ -163,7 +163,7 @@ macro_rules! params {
                     stringify!($field),
                     crate::params::first_of(&[$($otherwise)?], stringify!($default)),
                     crate::params::range_of!($($range)+),
-                    crate::params::first_of(&[$($condition)?], ""),
+                    concat!($($condition)?),
                     $meaning,
                 )),*
             ];
