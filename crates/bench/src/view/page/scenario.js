@@ -19,6 +19,8 @@ export class ScenarioPage {
     this.sizes = new Sizes(null);
     this.overlay = true;
     this.editor = new Editor(() => {
+      // At once, so that no part of the former preview can follow and enable Stop while the next preview waits.
+      this.running?.abort();
       this.state("waiting", "\u2026");
       this.start();
     });
@@ -142,7 +144,6 @@ export class ScenarioPage {
   }
 
   async preview() {
-    this.running?.abort();
     const running = new AbortController();
     this.running = running;
     const began = performance.now();
