@@ -15,7 +15,6 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Scenario};
-use serde_json::Value;
 
 use crate::columns::{arrays, table};
 use crate::object::Object;
@@ -192,22 +191,12 @@ fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(Object, String, Vec<
 /// anywhere; and as RON, with their paths in its dataset.
 pub(crate) fn written(scenario: &Scenario) -> storage::Result<(Object, String)> {
     let Object(mut spec) = Object::of(&scenario.spec)?;
-    relocate(&mut spec, scenario);
-    Ok((Object(spec), scenario::write(&scenario.spec)?))
-}
-
-/// Replaces paths in the dataset by those where the files were read.
-fn relocate(value: &mut Value, scenario: &Scenario) {
-    match value {
-        Value::String(text) => {
-            if let Some(input) = scenario.inputs.iter().find(|input| input.path == *text) {
-                *text = input.source.to_string_lossy().into_owned();
-            }
+    for input in &scenario.inputs {
+        if let Some(path) = spec.pointer_mut(&format!("/{}", input.key.replace('.', "/"))) {
+            *path = input.source.to_string_lossy().into();
         }
-        Value::Array(parts) => parts.iter_mut().for_each(|part| relocate(part, scenario)),
-        Value::Object(parts) => parts.values_mut().for_each(|part| relocate(part, scenario)),
-        _ => {}
     }
+    Ok((Object(spec), scenario::write(&scenario.spec)?))
 }
 
 fn settings<'py>(py: Python<'py>, scenario: &Scenario) -> PyResult<Bound<'py, PyDict>> {

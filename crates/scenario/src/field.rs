@@ -196,7 +196,7 @@ impl Gridded {
         };
         let grid = found.problems.of(&format!("{key}: {}", file.display()), grid)?;
         let field = found.problems.of(path, f::Gridded::new(&grid, self.interpolation, self.periodic))?;
-        self.file = found.keep(&file, bytes);
+        self.file = found.keep(&key, &file, bytes);
         Some(Box::new(field))
     }
 }

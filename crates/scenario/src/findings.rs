@@ -9,6 +9,8 @@ use storage::input;
 /// A file that the scenario refers to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Input {
+    /// Key of the scenario that refers to it, such as `motion.tracks.file`.
+    pub key: String,
     /// Its path in the dataset.
     pub path: String,
     /// The file that was read, an absolute path.
@@ -43,9 +45,9 @@ impl<'a> Findings<'a> {
         Some((path, bytes))
     }
 
-    /// Keeps a file that was read, to be copied to the dataset, and returns its path there; files with the
-    /// same name are numbered.
-    pub(super) fn keep(&mut self, path: &Path, bytes: Vec<u8>) -> String {
+    /// Keeps a file that was read for `key`, to be copied to the dataset, and returns its path there; files with
+    /// the same name are numbered.
+    pub(super) fn keep(&mut self, key: &str, path: &Path, bytes: Vec<u8>) -> String {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut copy = format!("inputs/{name}");
         let mut number = 2;
@@ -55,7 +57,7 @@ impl<'a> Findings<'a> {
         }
         // Fails only for an empty path.
         let source = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        self.inputs.push(Input { path: copy.clone(), source, bytes });
+        self.inputs.push(Input { key: key.to_owned(), path: copy.clone(), source, bytes });
         copy
     }
 }

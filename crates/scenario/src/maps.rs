@@ -80,5 +80,5 @@ fn map(
     };
     let values = found.problems.of(key, read)?;
     found.problems.of(key, quantity.check(&values, settings.pixel_dim_x, &name))?;
-    Some((values.into(), found.keep(&path, bytes)))
+    Some((values.into(), found.keep(key, &path, bytes)))
 }

@@ -183,7 +183,7 @@ impl Tracks {
         if !unused.is_empty() {
             found.warn(format!("{KEY}: {name}: unused columns: {}", unused.join(", ")));
         }
-        self.file = found.keep(&path, bytes);
+        self.file = found.keep(KEY, &path, bytes);
         Some(tracks)
     }
 }

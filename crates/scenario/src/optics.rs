@@ -27,7 +27,7 @@ pub(super) fn optics(
             let read = settings_file::read(&bytes[..], &path.display().to_string());
             let read = found.problems.of("optics.settings", read)?;
             found.warnings.extend(read.warnings);
-            optics.settings = Some(found.keep(&path, bytes));
+            optics.settings = Some(found.keep("optics.settings", &path, bytes));
             read.settings
         }
         // Without a preset or a file, keys that are not given have the values of setting 1.
@@ -199,7 +199,7 @@ pub(super) fn detector(
             let size = (settings.pixel_dim_x, settings.pixel_dim_y);
             let read = tiff::read(std::io::Cursor::new(&bytes), &path.display().to_string(), size);
             let counts = found.problems.of("sensor.background", read)?;
-            sensor.background = Some(found.keep(&path, bytes));
+            sensor.background = Some(found.keep("sensor.background", &path, bytes));
             Some(counts)
         }
     };

@@ -448,7 +448,7 @@ impl Particles {
                 let read: Result<_> =
                     data_file::read(&bytes[..], &path.display().to_string()).map_err(Into::into);
                 let listed = found.problems.of("particles.number.file", read)?;
-                *file = found.keep(&path, bytes);
+                *file = found.keep("particles.number.file", &path, bytes);
                 let object = |p: &microsig_core::Particle| {
                     scale.to_object(flows::scale::ImagePoint { x_px: p.x_px, y_px: p.y_px, z_um: p.z_um })
                 };

@@ -311,6 +311,26 @@ mod tests {
     }
 
     #[test]
+    fn the_key_of_an_input_leads_to_its_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let grid = "x_um,y_um,z_um,u_um_s,v_um_s,w_um_s\n";
+        let nodes = |x: u32| format!("{x},0,0,1,0,0\n{x},9,0,1,0,0\n{x},0,9,1,0,0\n{x},9,9,1,0,0\n");
+        std::fs::write(folder.path().join("grid.csv"), format!("{grid}{}{}", nodes(0), nodes(9))).unwrap();
+        std::fs::write(folder.path().join("some.txt"), "10 10 0 2\n").unwrap();
+        let gridded = "gridded(file: \"grid.csv\", interpolation: trilinear)";
+        let text = FIVE_LINES
+            .replace("poiseuille()", &format!("sum([uniform(), mirrored(field: {gridded}), {gridded}])"))
+            .replace("timing", "particles: (number: file(\"some.txt\")), timing");
+        let scenario = resolve(parse(&text, "s.ron").unwrap(), folder.path()).unwrap();
+        let spec = serde_json::to_value(&scenario.spec).unwrap();
+        assert_eq!(scenario.inputs.len(), 3);
+        for input in &scenario.inputs {
+            let pointer = format!("/{}", input.key.replace('.', "/"));
+            assert_eq!(spec.pointer(&pointer), Some(&input.path.as_str().into()), "{pointer}");
+        }
+    }
+
+    #[test]
     fn keys_replace_single_values_of_a_preset() {
         let text = FIVE_LINES.replace("motion", "optics: (preset: setting1a, background_noise: 50), motion");
         let scenario = resolved(&text).unwrap();
