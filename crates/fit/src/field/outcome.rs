@@ -254,8 +254,8 @@ impl Outcome<'_> {
             warnings.push(format!("{particles} of {} particles are used, spread over the field", self.found));
         }
         warnings.push(format!(
-            "the direction of the stage ({} the lens) is taken as given: reversed, images are the same with aberrations of the \
-             opposite sign",
+            "the direction of the stage ({} the lens) is taken as given: the reverse scan fits \
+             equally well, with the opposite signs of focus, chief rays, spherical aberration and astigmatism",
             if self.options.direction > 0.0 { "away from" } else { "toward" }
         ));
         warnings
