@@ -4,7 +4,7 @@
 //! the mean number of photons of a pixel. Quantum efficiency and the sensitivity of the pixel convert photons
 //! to electrons, to which dark electrons are added; the number of electrons is Poisson-distributed (shot
 //! noise). Read noise is added, the sum is limited to the full-well capacity, the system gain converts it to
-//! counts, the offset is added, and the result is rounded and clamped to the bit depth. MicroSIG's
+//! counts, and the offset is added; `image.rs` rounds the result and clamps it to the bit depth. MicroSIG's
 //! `background_mean` is treated as light; its `background_noise` is added to the counts. Offset, gain and read
 //! noise are the same for all pixels, or those of [`PixelMaps`].
 //!
