@@ -92,13 +92,15 @@ fn links(score: &Score) -> usize {
     score.links.as_ref().map_or(0, |links| links.tp)
 }
 
-/// The score without what a few rows decide. In bins of depth, and by uncertainties that a result claims, one
+/// The score without what a few rows decide. In bins of depth (also of the Cramer-Rao bound, whose efficiency is
+/// the bound over the RMS error of the bin), and by uncertainties that a result claims, one
 /// submission could ask about many particles at once; the mean score of claims (CRPS) is limited to the gate
 /// for each particle, as errors are. Errors of velocity have no upper limit: velocities that are wrong by 1,
 /// 2, 4, ... would be weights, and the RMS error would tell which of many moved rows are matched. HOTA at each
 /// threshold is a score at another gate.
 fn without_details(score: &Score) -> Score {
-    let mut score = Score { curves: Vec::new(), gates: Vec::new(), uncertainty: None, ..score.clone() };
+    let mut score =
+        Score { curves: Vec::new(), gates: Vec::new(), uncertainty: None, crlb: None, ..score.clone() };
     if let Some(orientation) = score.orientation.as_mut().filter(|orientation| orientation.n < FEWEST) {
         let Orientation { n_true, n, mean_all_deg, guess_deg, .. } = *orientation;
         *orientation = Orientation { n_true, n, mean_all_deg, guess_deg, ..Orientation::default() };
@@ -226,6 +228,7 @@ fn rounded(exact: f64, least: f64) -> f64 {
 mod tests {
     use super::*;
     use scoring::evaluate::PositionUncertainty;
+    use scoring::evaluate::crlb::Crlb;
     use scoring::evaluate::crps::Crps;
     use scoring::evaluate::curves::{Bin, Curve};
     use scoring::evaluate::hota::Hota;
@@ -243,6 +246,7 @@ mod tests {
             uncertainty: Some(PositionUncertainty { x: Some(claimed), ..PositionUncertainty::default() }),
             crps: Some(mean),
             curves: vec![curve],
+            crlb: Some(Crlb { efficiency_axis: Some(0.9), ..Crlb::default() }),
             orientation: Some(Orientation {
                 n: 1,
                 mean_deg: Some(39.8),
@@ -256,7 +260,7 @@ mod tests {
             }),
             ..Score::default()
         });
-        assert!(kept.uncertainty.is_none() && kept.curves.is_empty());
+        assert!(kept.uncertainty.is_none() && kept.curves.is_empty() && kept.crlb.is_none());
         let crps = serde_json::to_value(kept.crps).unwrap();
         assert_eq!(kept.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
         assert_eq!(kept.lpt.unwrap().motion, Motion::default());
