@@ -44,6 +44,14 @@ def trimmed(sample, particles):
     return {k: v[:particles] if k in ("particles", "mask", "boxes", "shapes") else v for k, v in sample.items()}
 
 
+def test_a_choice_may_be_the_default_of_a_key():
+    drawn = stream(vary={"optics.background_noise": ms.choice([None, 50]), "optics.gain": ms.choice([None, 2])})
+    assert len({str(drawn.values(index)) for index in range(12)}) == 4, "all combinations"
+    for index in range(12):
+        dataset = ms.generate(drawn.scenario(index))
+        np.testing.assert_array_equal(drawn[index]["image"], dataset.images[:2])
+
+
 def test_samples_are_the_beginnings_of_datasets():
     other = {
         "particles.diameter_um": ms.choice([{"constant": 1.5}, {"list": [[2, 1], [3, 2]]}]),

@@ -37,18 +37,22 @@ pub enum Law {
 pub struct Drawn {
     /// As written in a scenario.
     pub text: String,
-    /// The value as a number; NaN if it is not a number.
-    pub number: f64,
+    /// The value as a number, if it is one.
+    pub number: Option<f64>,
 }
 
 impl Drawn {
     fn number(number: f64) -> Self {
         // Debug format, which reads back as the same number and has a decimal point or exponent.
-        Drawn { text: format!("{number:?}"), number }
+        Drawn { text: format!("{number:?}"), number: Some(number) }
+    }
+
+    fn integer(number: i64) -> Self {
+        Drawn { text: number.to_string(), number: Some(number as f64) }
     }
 
     fn written(text: &str) -> Self {
-        Drawn { text: text.to_owned(), number: text.trim().parse().unwrap_or(f64::NAN) }
+        Drawn { text: text.to_owned(), number: text.trim().parse().ok().filter(|n: &f64| !n.is_nan()) }
     }
 }
 
@@ -78,9 +82,7 @@ impl Law {
             Law::Uniform { low, high } | Law::LogUniform { low, high } => {
                 vec![Drawn::number(*low), Drawn::number(*high)]
             }
-            Law::Integers { low, high } => {
-                [low, high].map(|end| Drawn { text: end.to_string(), number: *end as f64 }).to_vec()
-            }
+            Law::Integers { low, high } => [low, high].map(|end| Drawn::integer(*end)).to_vec(),
             Law::Choice(values) => values.iter().map(|value| Drawn::written(value)).collect(),
         }
     }
@@ -99,8 +101,7 @@ impl Law {
                 Drawn::number(value.clamp(*low, *high))
             }
             Law::Integers { low, high } => {
-                let value = low.wrapping_add(of(high.abs_diff(*low).saturating_add(1)) as i64);
-                Drawn { text: value.to_string(), number: value as f64 }
+                Drawn::integer(low.wrapping_add(of(high.abs_diff(*low).saturating_add(1)) as i64))
             }
             Law::Choice(values) => Drawn::written(&values[of(values.len() as u64) as usize]),
         }
@@ -123,10 +124,11 @@ mod tests {
         let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut counts = [0; 4];
         for seed in 0..4000 {
-            let value = Law::Uniform { low: -2.0, high: 6.0 }.draw(seed, "a.b").number;
+            let number = |law: Law, path: &str| law.draw(seed, path).number.unwrap();
+            let value = number(Law::Uniform { low: -2.0, high: 6.0 }, "a.b");
             (least, most) = (least.min(value), most.max(value));
-            counts[Law::Integers { low: 3, high: 6 }.draw(seed, "n").number as usize - 3] += 1;
-            let value = Law::LogUniform { low: 0.1, high: 10.0 }.draw(seed, "x").number;
+            counts[number(Law::Integers { low: 3, high: 6 }, "n") as usize - 3] += 1;
+            let value = number(Law::LogUniform { low: 0.1, high: 10.0 }, "x");
             assert!((0.1..=10.0).contains(&value));
         }
         assert!((-2.0..-1.9).contains(&least) && (5.9..=6.0).contains(&most), "{least} {most}");
@@ -139,7 +141,7 @@ mod tests {
         assert_ne!(law.draw(1, "a"), law.draw(1, "b"));
         assert_eq!(law.draw(1, "a"), law.draw(1, "a"));
         let drawn = law.draw(1, "a");
-        assert_eq!(drawn.text.parse::<f64>().unwrap(), drawn.number);
+        assert_eq!(drawn.text.parse::<f64>().ok(), drawn.number);
         let any = Law::Integers { low: i64::MIN, high: i64::MAX }.draw(1, "a").text;
         assert!(any.parse::<i64>().is_ok(), "{any}");
         assert!(Law::Choice(Vec::new()).check("a").is_err());

@@ -71,8 +71,8 @@ impl Key {
 struct Prototype {
     scenario: Scenario,
     optics: Optics,
-    /// The values that cannot be replaced, as text.
-    fixed: Vec<String>,
+    /// The values that cannot be replaced, as text; `None` for the others.
+    fixed: Vec<Option<String>>,
     flow: Option<FlowField>,
 }
 
@@ -96,8 +96,8 @@ impl Sampler {
             Some(mut prototype) => {
                 prototype.scenario.reseed(seed);
                 for (path, value) in values {
-                    if prototype.scenario.can_replace(path) {
-                        prototype.scenario.replace(path, value.number)?;
+                    if let Some(number) = replaceable(&prototype.scenario, path, value) {
+                        prototype.scenario.replace(path, number)?;
                     }
                 }
                 prototype
@@ -162,8 +162,15 @@ impl Sampler {
 }
 
 /// The values that cannot be replaced in a scenario.
-fn fixed(scenario: &Scenario, values: &[(&str, Drawn)]) -> Vec<String> {
-    values.iter().filter(|(path, _)| !scenario.can_replace(path)).map(|(_, v)| v.text.clone()).collect()
+fn fixed(scenario: &Scenario, values: &[(&str, Drawn)]) -> Vec<Option<String>> {
+    let is_fixed = |path: &str, value: &Drawn| replaceable(scenario, path, value).is_none();
+    values.iter().map(|(path, value)| is_fixed(path, value).then(|| value.text.clone())).collect()
+}
+
+/// The number that can replace the value at a path; `None` for another key, and for a value that is no number, such as
+/// the default of an optional key.
+fn replaceable(scenario: &Scenario, path: &str, value: &Drawn) -> Option<f64> {
+    value.number.filter(|_| scenario.can_replace(path))
 }
 
 /// Computes the sample of a scenario.

@@ -22,7 +22,7 @@ impl Window {
     pub(super) fn draw(seed: u64, (width, height): (u32, u32), image: (u32, u32)) -> Self {
         let place = |path, room: u32| {
             let law = Law::Integers { low: 0, high: i64::from(room) };
-            law.draw(seed, path).number as usize
+            law.draw(seed, path).number.map_or(0, |number| number as usize)
         };
         Window {
             left: place("window.left", image.0.saturating_sub(width)),
