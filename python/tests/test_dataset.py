@@ -346,6 +346,13 @@ def test_a_scenario_with_files_can_be_used_from_any_folder(tmp_path, monkeypatch
     assert "inputs/tracks.csv" in made.scenario_text
 
 
+def test_the_manifest_has_the_formulas_of_its_fields_only(tmp_path):
+    field = {"sum": [{"hill": {"moving": False}}, {"scaled": {"field": {"uniform": {}}, "by": {}}}]}
+    ms.generate(SMALL, set={"motion.flow.field": field}).save(tmp_path / "d")
+    manifest = json.loads((tmp_path / "d/datapackage.json").read_text())
+    assert sorted(manifest["microsig"]["motion"]["formulas"]) == ["hill", "scaled", "sum", "uniform"]
+
+
 def test_files_that_the_manifest_lists_have_to_be_there(tmp_path):
     made = ms.generate(SMALL, set={"truth.boxes": True})
     names = ("frames", "tracks", "displacements", "depth", "boxes", "field", "calibration")

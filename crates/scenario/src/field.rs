@@ -15,8 +15,8 @@ use serde_json::Value;
 use super::findings::Findings;
 use super::language::problems::Problems;
 use super::language::schema::joined;
-use super::motion::Motion;
-use storage::error::Result;
+use super::motion::{Motion, in_file};
+use storage::error::{Error, Result};
 
 macro_rules! field {
     ($($(#[$meaning:meta])* $variant:ident($parameters:ident),)*) => {
@@ -86,7 +86,7 @@ macro_rules! field {
                 macro_rules! changed {
                     ($kind:ident, $changed:expr) => {{
                         let inner = $changed.field.build(&joined(&path, "field"), depths, found)?;
-                        boxed(&path, f::$kind::new(inner, &$changed.by), &mut found.problems)
+                        boxed(&joined(&path, "by"), f::$kind::new(inner, &$changed.by), &mut found.problems)
                     }};
                 }
                 match self {
@@ -167,8 +167,23 @@ fn boxed<F: VelocityField + 'static>(path: &str, field: flows::Result<F>, proble
 }
 
 impl Field {
+    /// Visits the field and all fields in it.
+    pub fn visit(&self, visitor: &mut impl FnMut(&Field)) {
+        visitor(self);
+        match self {
+            Field::Sum(fields) => fields.iter().for_each(|field| field.visit(visitor)),
+            Field::Scaled(Changed { field, .. })
+            | Field::Translated(Changed { field, .. })
+            | Field::Rotated(Changed { field, .. })
+            | Field::Moving(Changed { field, .. })
+            | Field::Modulated(Changed { field, .. })
+            | Field::Mirrored(Changed { field, .. }) => field.visit(visitor),
+            _ => {}
+        }
+    }
+
     /// The name of the variant in scenarios.
-    fn name(&self) -> String {
+    pub fn name(&self) -> String {
         let value = serde_json::to_value(self).unwrap_or_default();
         value.as_object().and_then(|one| one.keys().next().cloned()).unwrap_or_default()
     }
@@ -194,7 +209,8 @@ impl Gridded {
                 return None;
             }
         };
-        let grid = found.problems.of(&format!("{key}: {}", file.display()), grid)?;
+        let grid = grid.map_err(|e| Error::input(in_file(&file.display().to_string(), &e)));
+        let grid = found.problems.of(&key, grid)?;
         let field = found.problems.of(path, f::Gridded::new(&grid, self.interpolation, self.periodic))?;
         self.file = found.keep(&key, &file, bytes);
         Some(Box::new(field))

@@ -103,7 +103,9 @@ pub fn load_text(
         Err(other) if !problems.any() => return Err(other),
         _ => Vec::new(),
     };
-    let related = |a: &str, b: &str| a.starts_with(b) || b.starts_with(a);
+    let is_within =
+        |a: &str, b: &str| a.strip_prefix(b).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+    let related = |a: &str, b: &str| is_within(a, b) || is_within(b, a);
     let read = problems.0.clone();
     for problem in found {
         let (place, is_written) = tree.find(&problem.path);

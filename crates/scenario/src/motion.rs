@@ -189,7 +189,7 @@ impl Tracks {
 }
 
 /// The message of an error, preceded by the file name and, if known, the line.
-fn in_file(name: &str, fault: &flows::Error) -> String {
+pub(super) fn in_file(name: &str, fault: &flows::Error) -> String {
     match fault {
         flows::Error::Data { line: Some(line), found, expected, .. } => {
             format!("{name}:{line}: {found}: expected {expected}")

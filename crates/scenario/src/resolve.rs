@@ -319,7 +319,10 @@ mod tests {
         std::fs::write(folder.path().join("some.txt"), "10 10 0 2\n").unwrap();
         let gridded = "gridded(file: \"grid.csv\", interpolation: trilinear)";
         let text = FIVE_LINES
-            .replace("poiseuille()", &format!("sum([uniform(), mirrored(field: {gridded}), {gridded}])"))
+            .replace(
+                "poiseuille()",
+                &format!("sum([uniform(), translated(field: {gridded}, by: ()), {gridded}])"),
+            )
             .replace("timing", "particles: (number: file(\"some.txt\")), timing");
         let scenario = resolve(parse(&text, "s.ron").unwrap(), folder.path()).unwrap();
         let spec = serde_json::to_value(&scenario.spec).unwrap();

@@ -17,7 +17,7 @@ use dataset::manifest::{
     TruthGridFacts, WaveFacts, ZERO_OF_DATASETS, coordinates, resource, seal,
 };
 use scenario::license::License;
-use scenario::spec::Timing;
+use scenario::spec::{Motion, Timing};
 use scenario::{Scenario, Weighting};
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
@@ -230,25 +230,15 @@ fn timing(scenario: &Scenario) -> TimingFacts {
 fn motion(scenario: &Scenario) -> MotionFacts {
     let written = serde_json::to_value(&scenario.spec.motion).unwrap_or_default();
     let mut formulas = Map::new();
-    collect_formulas(&written, &mut formulas);
-    MotionFacts { scenario: written, formulas }
-}
-
-/// Collects the formulas of all fields within a value; fields are recognized by keys that the registry
-/// contains.
-fn collect_formulas(value: &Value, formulas: &mut serde_json::Map<String, Value>) {
-    match value {
-        Value::Object(parts) => {
-            for (key, part) in parts {
-                if let Some(entry) = flows::registry::ENTRIES.iter().find(|entry| entry.name == key) {
-                    formulas.insert(key.clone(), json!({ "formula": entry.formula, "source": entry.source }));
-                }
-                collect_formulas(part, formulas);
+    if let Motion::Flow(flow) = &scenario.spec.motion {
+        flow.field.visit(&mut |field| {
+            let name = field.name();
+            if let Some(entry) = flows::registry::ENTRIES.iter().find(|entry| entry.name == name) {
+                formulas.insert(name, json!({ "formula": entry.formula, "source": entry.source }));
             }
-        }
-        Value::Array(parts) => parts.iter().for_each(|part| collect_formulas(part, formulas)),
-        _ => {}
+        });
     }
+    MotionFacts { scenario: written, formulas }
 }
 
 /// The grid of `truth/field.csv` and its depth weighting.
