@@ -35,7 +35,7 @@ pub fn mistyped(whole: &Value, error: &serde_path_to_error::Error<serde_json::Er
     }
     let (path, reason) = (error.path().to_string(), error.inner().to_string());
     let within = |text: &str| if path == "." { text.to_owned() } else { format!("{path}: {text}") };
-    match (value, reason.split_once("expected ")) {
+    match (value, reason.rsplit_once(", expected ")) {
         (Some(value), Some((before, expected))) if before.starts_with("invalid") => {
             let shown = value.to_string();
             let shown = match shown.char_indices().nth(60) {

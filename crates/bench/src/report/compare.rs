@@ -148,25 +148,35 @@ fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
         return Err(Error::Input(problems));
     }
     for i in 1..scores.len() {
-        // Folders of the same name in different locations are different trackers.
-        if scores[..i].iter().any(|s| s.name == scores[i].name) {
-            scores[i].name = format!("{} ({})", scores[i].name, paths[i].display());
+        // Folders of the same name in different locations are different trackers, named by their paths. A path as short
+        // as the name is completed.
+        let (others, path) = (&scores[..i], &paths[i]);
+        let is_taken = |name: &String| others.iter().any(|s| s.name == *name);
+        if is_taken(&scores[i].name) {
+            let given = Some(path.display().to_string()).filter(|given| !is_taken(given));
+            let whole = || std::path::absolute(path).unwrap_or_else(|_| path.clone()).display().to_string();
+            scores[i].name = given.unwrap_or_else(whole);
         }
     }
     Ok(scores)
 }
 
-/// Name of a score: that of its folder, which is usually named after the tracker. Folders of sweep cases are
-/// named after the case, so the parent folder is prepended.
+/// Name of a score: that of its folder, which is usually named after the tracker. If this folder or the one above
+/// is a sweep case, the name has both: `ncc/case_00001`, `case_00001/ncc`.
 fn name(path: &Path) -> String {
     let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
     let text = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
     let folder = file.parent().filter(|_| file.ends_with(SCORE));
     let Some(own) = folder.and_then(text) else { return file.display().to_string() };
     match folder.and_then(Path::parent).and_then(text) {
-        Some(above) if own.starts_with("case_") => format!("{above}/{own}"),
+        Some(above) if is_sweep_case(&own) || is_sweep_case(&above) => format!("{above}/{own}"),
         _ => own,
     }
+}
+
+/// Whether a folder has the name of a sweep's case.
+pub(super) fn is_sweep_case(name: &str) -> bool {
+    name.strip_prefix("case_").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// Warnings about differences that make scores incomparable.

@@ -213,21 +213,38 @@ pub(super) fn axis_text(value: &Value) -> String {
     }
 }
 
-/// Sort key of parameter values: for each, its axis, the text before its first number, its numbers, the whole
+/// Sort key of parameter values: for each, its axis, its text with `#` for each number, its numbers, the whole
 /// text. Numbers are sorted by size and texts so that `constant(2)` comes before `constant(10)`.
-pub(super) type AxesOrder<'a> = Vec<(&'a str, &'a str, Vec<f64>, &'a str)>;
+pub(super) type AxesOrder<'a> = Vec<(&'a str, String, Vec<f64>, &'a str)>;
 
 /// See [`AxesOrder`].
 pub(super) fn order_of_axes<'a>(axes: impl Iterator<Item = (&'a String, &'a Value)>) -> AxesOrder<'a> {
-    let of_number = |c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.');
-    let of = |(axis, value): (&'a String, &'a Value)| {
-        let text = value.as_str().unwrap_or_default();
-        let stem = text.split(of_number).next().unwrap_or_default();
-        let parts = text.split(|c: char| !(of_number(c) || matches!(c, 'e' | 'E')));
-        let numbers = parts.filter_map(|part| part.parse().ok()).chain(value.as_f64());
-        (axis.as_str(), stem, numbers.filter(|v: &f64| v.is_finite()).collect(), text)
+    let of = |(axis, value): (&'a String, &'a Value)| match value.as_str() {
+        Some(text) => {
+            let (form, numbers) = form_and_numbers(text);
+            (axis.as_str(), form, numbers, text)
+        }
+        None => (axis.as_str(), "#".to_owned(), value.as_f64().into_iter().collect(), ""),
     };
     axes.map(of).collect()
+}
+
+/// The text with `#` for each finite number, and the numbers. Digits in a word, as in `setting1a`, are part of it.
+fn form_and_numbers(text: &str) -> (String, Vec<f64>) {
+    let (mut form, mut numbers) = (String::new(), Vec::new());
+    for part in text.split_inclusive(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c))) {
+        let end = part.trim_end_matches(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c))).len();
+        let (word, separator) = part.split_at(end);
+        match word.replace('_', "").parse::<f64>() {
+            Ok(number) if number.is_finite() && word.starts_with(|c: char| !c.is_alphabetic()) => {
+                form.push('#');
+                numbers.push(number);
+            }
+            _ => form.push_str(word),
+        }
+        form.push_str(separator);
+    }
+    (form, numbers)
 }
 
 /// Sort key of scores that are ranked together: kind, case of a sweep, its dataset, its truth.
@@ -406,6 +423,16 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    #[test]
+    fn numbers_in_words_and_with_underscores() {
+        let of = |text: &str| form_and_numbers(text);
+        assert_eq!(of("(12.9, 0, 1_000)"), ("(#, #, #)".to_owned(), vec![12.9, 0.0, 1000.0]));
+        assert_eq!(of("count(-4e2)"), ("count(#)".to_owned(), vec![-400.0]));
+        // Presets are not repetitions of each other.
+        assert_eq!(of("setting1a"), ("setting1a".to_owned(), Vec::new()));
+        assert_eq!(of("inf"), ("inf".to_owned(), Vec::new()));
+    }
 
     #[test]
     fn cases_are_in_the_order_of_their_numbers_and_repetitions_in_that_of_their_datasets() {

@@ -9,6 +9,7 @@ use std::collections::BTreeSet;
 
 use maud::{Markup, html};
 
+use super::compare::is_sweep_case;
 use super::figure::{figure_by_group, names};
 use super::leaderboard::{Entry, axis_text, order_of_axes};
 use super::log_axis::is_logarithmic;
@@ -129,11 +130,13 @@ fn short<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
     ends.into_iter().find(is_own).unwrap_or(key)
 }
 
-/// Name of the tracker: the name of the score, as in `ncc/case_00001` or `case_00001-ncc`, without the sweep case.
+/// Name of the tracker: the name of the score, as in `ncc/case_00001`, `case_00001/ncc` or `case_00001-ncc`, without
+/// the sweep case.
 fn tracker(entry: &Entry) -> String {
-    let parts = entry.name.split_inclusive(['/', '-', '.']).filter(|part| !part.starts_with("case_"));
-    let name = parts.collect::<String>();
-    let name = name.trim_end_matches(['/', '-', '.']);
+    const BETWEEN: [char; 3] = ['/', '-', '.'];
+    let is_of_tracker = |part: &&str| !is_sweep_case(part.trim_end_matches(BETWEEN));
+    let name: String = entry.name.split_inclusive(BETWEEN).filter(is_of_tracker).collect();
+    let name = name.trim_end_matches(BETWEEN);
     if name.is_empty() { "result".to_owned() } else { name.to_owned() }
 }
 
@@ -284,9 +287,14 @@ mod tests {
 
     #[test]
     fn a_tracker_is_named_as_its_folder() {
-        for (name, of) in
-            [("my-net.v2/case_00001", "my-net.v2"), ("case_00001-ncc", "ncc"), ("case_00001", "result")]
-        {
+        for (name, of) in [
+            ("my-net.v2/case_00001", "my-net.v2"),
+            ("case_00001/ncc", "ncc"),
+            ("b/ncc/case_00001", "b/ncc"),
+            ("case_00001-ncc", "ncc"),
+            ("case_00001", "result"),
+            ("case_a", "case_a"),
+        ] {
             assert_eq!(tracker(&entry(name, 0.5, &[])), of);
         }
     }

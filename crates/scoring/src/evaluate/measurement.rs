@@ -153,8 +153,8 @@ pub(super) fn axes(dataset: &Path) -> Result<BTreeMap<String, serde_json::Value>
     Ok(BTreeMap::new())
 }
 
-/// Converts a cell to a number if possible, otherwise to text.
+/// Converts a cell to a number if possible (also one written as `1_000`), otherwise to text.
 fn value(text: &str) -> serde_json::Value {
-    let number = text.parse::<f64>().ok().and_then(serde_json::Number::from_f64);
+    let number = text.replace('_', "").parse::<f64>().ok().and_then(serde_json::Number::from_f64);
     number.map_or_else(|| text.into(), serde_json::Value::Number)
 }
