@@ -383,7 +383,10 @@ fn scored_case(
 
 /// A message about a result whose paths begin at the folder of the results: it is published.
 fn without(results: &Path, error: &Error) -> String {
-    error.to_string().replace(&format!("{}{}", results.display(), std::path::MAIN_SEPARATOR), "")
+    // With a separator at the end, and only where a path begins.
+    let folder = results.join("");
+    let text = format!("\n{error}").replace(&format!("\n{}", folder.display()), "\n");
+    text.trim_start_matches('\n').replace(&format!(" {}", folder.display()), " ")
 }
 
 /// The result of a tracker without its rank.
