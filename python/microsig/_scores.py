@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Union
@@ -297,7 +298,10 @@ def track(
         raise ValueError(f"ensemble: expected with method = 'piv', not {method!r}")
     if aspect_ratio is not None and shape != "spheroid":
         raise ValueError("aspect_ratio: expected with shape = 'spheroid'")
-    return Table(_microsig.track(_folder(dataset), method, *options), name=f"result of {method}")
+    columns, warned = _microsig.track(_folder(dataset), method, *options)
+    for warning in warned:
+        warnings.warn(warning, stacklevel=2)
+    return Table(columns, name=f"result of {method}")
 
 
 def _aspect(ratio: object) -> float | str:

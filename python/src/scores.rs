@@ -188,7 +188,7 @@ enum Aspect {
     Named(String),
 }
 
-/// Tracks a dataset by options within their ranges; gives the columns of the result.
+/// Tracks a dataset by options within their ranges; gives the columns of the result and the warnings.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn track<'py>(
@@ -204,12 +204,12 @@ fn track<'py>(
     aspect_ratio: Aspect,
     seed: u64,
     show: Show<'py>,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> PyResult<(Bound<'py, PyDict>, Vec<String>)> {
     let aspect = match aspect_ratio {
         Aspect::Given(ratio) => AspectRatio::Given(ratio),
         Aspect::Named(name) => name.parse().map_err(PyValueError::new_err)?,
     };
-    let columns = run(py, show, OnInterrupt::Wait, move |progress| {
+    let (columns, warnings) = run(py, show, OnInterrupt::Wait, move |progress| {
         let options = TrackOptions {
             method,
             max_displacement_px,
@@ -222,9 +222,9 @@ fn track<'py>(
             shape: if spheroids { ParticleShape::Spheroid { aspect } } else { ParticleShape::Sphere },
             progress: progress.clone(),
         };
-        Ok(result(&dataset, &options)?.0)
+        result(&dataset, &options)
     })?;
-    arrays(py, columns)
+    Ok((arrays(py, columns)?, warnings))
 }
 
 /// Name and description of every tracking method.

@@ -115,6 +115,11 @@ def test_scores_are_those_of_the_command(tmp_path):
             expected["result"] = expected["assumptions"] = None
 
 
+def test_a_tracker_warns_of_images_that_are_not_its_own():
+    with pytest.warns(UserWarning, match="this method detects a defocused image as several spots"):
+        ms.track(ms.generate(SMALL), "spots")
+
+
 def test_the_truth_scores_perfectly_and_reads_well():
     dataset = ms.generate(SMALL)
     scores = ms.evaluate(dataset, dataset.tracks)

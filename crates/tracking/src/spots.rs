@@ -25,7 +25,7 @@ pub(super) const METHOD: Method = Method {
         let output = job.particles(|image| detector.find(image))?;
         if output.rows() == 0 {
             job.warn(format!(
-                "no particles found: nothing of the size of --diameter ({} px) exceeds {ABOVE_NOISE} standard deviations of \
+                "no particles found: nothing of {} px (option `diameter`) exceeds {ABOVE_NOISE} standard deviations of \
                  the noise; defocused images need `ncc`, `mle` or `aptv`",
                 job.options.diameter_px
             ));
@@ -38,8 +38,8 @@ pub(super) const METHOD: Method = Method {
 fn defocused(images_px: f64, diameter_px: f64) -> Option<String> {
     (images_px > MUCH_LARGER * diameter_px).then(|| {
         format!(
-            "particle images of this dataset are {images_px:.0} px in diameter on average over depth, and --diameter is \
-            {diameter_px} px: this method detects a defocused image as several spots or not at all, and measures no depth; use \
+            "particle images of this dataset are {images_px:.0} px in diameter on average over depth, and images of \
+            {diameter_px} px are searched for (option `diameter`): this method detects a defocused image as several spots or not at all, and measures no depth; use \
             `ncc`, `mle` or `aptv`"
         )
     })
@@ -148,7 +148,7 @@ mod tests {
         assert!(
             defocused(36.2, 3.0)
                 .unwrap()
-                .contains("36 px in diameter on average over depth, and --diameter is 3 px")
+                .contains("36 px in diameter on average over depth, and images of 3 px are searched for")
         );
         assert_eq!((defocused(2.9, 3.0), defocused(36.2, 30.0)), (None, None));
     }
