@@ -42,5 +42,5 @@ for column, (title, table) in enumerate(panels):
             ax.set_ylabel("tilt, degrees")
         if column == len(panels) - 1:
             fig.colorbar(mesh, ax=axes[row], label=label)
-fig.suptitle("At a peak of 100 times the noise: Cramer-Rao bound of the axis, and separation of the two tilt signs (white: 4 sd)", fontsize=9)
+fig.suptitle("At a peak of 100 times the noise: Cramer-Rao bound of the axis, and separation of the two tilt signs (white: 4 sd)", fontsize=9, wrap=True)
 fig.savefig(args.svg)

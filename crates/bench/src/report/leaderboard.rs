@@ -232,11 +232,11 @@ pub(super) fn order_of_axes<'a>(axes: impl Iterator<Item = (&'a String, &'a Valu
 /// The text with `#` for each finite number, and the numbers. Digits in a word, as in `setting1a`, are part of it.
 fn form_and_numbers(text: &str) -> (String, Vec<f64>) {
     let (mut form, mut numbers) = (String::new(), Vec::new());
-    for part in text.split_inclusive(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c))) {
-        let end = part.trim_end_matches(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c))).len();
-        let (word, separator) = part.split_at(end);
+    let is_separator = |c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c));
+    for part in text.split_inclusive(is_separator) {
+        let (word, separator) = part.split_at(part.trim_end_matches(is_separator).len());
         match word.replace('_', "").parse::<f64>() {
-            Ok(number) if number.is_finite() && word.starts_with(|c: char| !c.is_alphabetic()) => {
+            Ok(number) if number.is_finite() => {
                 form.push('#');
                 numbers.push(number);
             }
