@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _microsig, _scenario
-from ._arguments import LAST_SEED, flag, interval, one_of, optional, real, whole
+from ._arguments import LAST_SEED, flag, interval, one_of, optional, parsed, real, whole
 from ._dataset import Dataset, generate
 from ._progress import Progress, shown
 from ._table import Table, plain
@@ -373,16 +372,9 @@ def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tup
 def _cases(cases: _microsig.SweepCases) -> Iterator[tuple[dict[str, Any], Dataset]]:
     axes = cases.axes()
     for index, (name, written, repetition, seed) in enumerate(cases.cases()):
-        values: dict[str, Any] = {path: _parsed(value) for path, value in zip(axes, written)}
+        values: dict[str, Any] = {path: parsed(value) for path, value in zip(axes, written)}
         values |= {"case": name, "repetition": repetition, "seed": seed}
         yield values, Dataset.of_made(cases.generate(index))
-
-
-def _parsed(value: str) -> Any:
-    try:
-        return json.loads(value)
-    except json.JSONDecodeError:
-        return value
 
 
 __all__ = ["Comparison", "Scores", "compare", "evaluate", "generate", "methods", "sweep", "track"]

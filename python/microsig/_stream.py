@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _microsig, _scenario
-from ._arguments import LAST_SEED, one_of, real, whole
+from ._arguments import LAST_SEED, one_of, parsed, real, whole
 from ._scenario import Scenario
 
 #: A batch or a sample: arrays by name.
@@ -298,7 +298,7 @@ class Stream:
 
     def values(self, index: int) -> dict[str, Any]:
         """The varied values of a sample, by path."""
-        return {path: _parsed(value) for path, value in self._samples.values(whole("sample", index))}
+        return {path: parsed(value) for path, value in self._samples.values(whole("sample", index))}
 
     def window(self, index: int) -> tuple[int, int] | None:
         """First row and column of a sample in the images of its scenario, from 0, with ``crop_at="random"``; otherwise None."""
@@ -359,13 +359,6 @@ class Stream:
     def __repr__(self) -> str:
         rows, columns = self.shape
         return f"Stream of {columns} x {rows} px, batches of {self._batch}, at sample {self._position}"
-
-
-def _parsed(value: str) -> Any:
-    try:
-        return json.loads(value)
-    except json.JSONDecodeError:
-        return value
 
 
 #: Columns of ``particles``.

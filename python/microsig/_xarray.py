@@ -48,11 +48,12 @@ def of_field(table: Table, displacement: str | None, plane_um: float | None) -> 
         values[at] = table[source]
         variables[name] = (("y", "x", "t"), values)
     chc = np.isfinite(variables["u"][1]) & np.isfinite(variables["v"][1])
-    for name, usable in (("mask", 1), ("flag", 1)):
+    for name in ("mask", "flag"):
         if name in table:
-            flags = np.zeros(count.shape)
-            flags[at] = table[name] == usable
-            chc &= flags == 1
+            # 0: fluid, a valid vector.
+            valid = np.zeros(count.shape, bool)
+            valid[at] = table[name] == 0
+            chc &= valid
     variables["chc"] = (("y", "x", "t"), chc.astype(float))
     dataset = xarray.Dataset(variables, coords={"x": x, "y": y, "t": np.where(t < 0, 0, t).astype(float)})
     for name in ("x", "y", "u", "v"):

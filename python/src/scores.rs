@@ -174,7 +174,7 @@ fn compare(py: Python<'_>, scores: Vec<(String, Py<Scored>)>) -> PyResult<(Objec
     run(py, false, OnInterrupt::Leave, move |_| {
         let named = scores.into_iter().map(|(name, scored)| {
             let Scored { score, units } = scored.get();
-            report::Named { name, score: score.clone(), units: Some(units.clone()) }
+            report::Named { tracker: name.clone(), name, score: score.clone(), units: Some(units.clone()) }
         });
         let ranking = report::ranking(named.collect())?;
         Ok((Object::of(&ranking.entries)?, ranking.warnings, ranking.text))

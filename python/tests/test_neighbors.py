@@ -73,11 +73,14 @@ def test_fields_are_datasets_of_pivpy(ds):
     for row in (0, len(plane) // 2, len(plane) - 1):
         at = {"x": plane["x_px"][row], "y": plane["y_px"][row]}
         assert float(made["u"].sel(at).isel(t=0)) == pytest.approx(plane["central_dx_px"][row], nan_ok=True)
+        assert float(made["chc"].sel(at).isel(t=0)) == 1 - plane["mask"][row]
+    assert made["chc"].values.max() == 1
     forward = field.to_xarray("forward", plane_um=0)
     assert forward.attrs["displacement"] == "forward"
     reported = ms.Table({"x_px": [8.0, 24, 8, 24], "y_px": [8.0, 8, 24, 24], "dx_px": [1.0, 2, 3, 4], "dy_px": [0.0] * 4, "flag": [0, 0, 1, 0]})
     made = reported.to_xarray()
     assert made["u"].values[:, :, 0].tolist() == [[1, 2], [3, 4]]
+    assert made["chc"].values[:, :, 0].tolist() == [[1, 1], [0, 1]]
     with pytest.raises(ValueError, match="expected one of"):
         field.to_xarray("sideways", plane_um=0)
     with pytest.raises(ValueError, match="expected a displacement field"):

@@ -181,7 +181,7 @@ def test_a_sweep_gives_the_datasets_of_the_command(tmp_path):
     base.write_text(SMALL)
     plan = tmp_path / "sweep.ron"
     plan.write_text(
-        '(name: "s", base: "base.ron", axes: [(path: "optics.background_noise", values: list([0, 20]))], repetitions: 2)'
+        '(name: "s", base: "base.ron", axes: [(path: "optics.background_noise", values: list([0, 2_0]))], repetitions: 2)'
     )
     ran = command("sweep", plan, "--out", tmp_path / "out")
     assert ran.returncode == 0, ran.stderr

@@ -358,6 +358,20 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     let message = fail(2, &["check-submission", datasets, path(&results.join("broken")), "--suite", suite]);
     assert!(message.contains("results.csv:2: "), "{message}");
 
+    // A truth that cannot be read is no fault of a tracker.
+    let damaged = place.path().join("damaged");
+    for file in suite::tree(&c.datasets).unwrap().into_keys() {
+        std::fs::create_dir_all(damaged.join(&file).parent().unwrap()).unwrap();
+        std::fs::copy(c.datasets.join(&file), damaged.join(&file)).unwrap();
+    }
+    let tracks = damaged.join("P2/noise_2/test/truth/tracks.csv");
+    let text = std::fs::read_to_string(&tracks).unwrap().replacen("\n0,", "\nzero,", 1);
+    std::fs::write(&tracks, text).unwrap();
+    let mut of_damaged = again.clone();
+    of_damaged[3] = path(&damaged);
+    let message = fail(2, &of_damaged);
+    assert!(message.contains("P2/noise_2/test/truth/tracks.csv:2: "), "{message}");
+
     // A misspelled case would be a missing result.
     result("spots", "noise_3");
     std::fs::write(results.join("spots/P2/noise_3/results.csv"), "frame,x_px,y_px\n").unwrap();
@@ -467,6 +481,12 @@ fn faults_of_a_suite_are_shown_with_their_line() {
         let message = fail(2, &["suite", "list", path(&file)]);
         assert!(message.contains(expected), "{expected}\n{message}");
     }
+    // Values that are the same once rounded.
+    let file = write(place.path(), SUITE);
+    std::fs::write(place.path().join("noise.ron"), SWEEP.replace("list([5, 20])", "list([20.001, 20.002])"))
+        .unwrap();
+    let message = fail(2, &["suite", "list", path(&file)]);
+    assert!(message.contains("case `noise_2` occurs twice in track P2"), "{message}");
     // Faults of a scenario or sweep have the line of its own file.
     let file = write(place.path(), SUITE);
     std::fs::write(place.path().join("noise.ron"), SWEEP.replace("background_noise", "background_nois"))

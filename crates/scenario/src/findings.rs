@@ -48,7 +48,8 @@ impl<'a> Findings<'a> {
     /// Keeps a file that was read for `key`, to be copied to the dataset, and returns its path there; files with
     /// the same name are numbered.
     pub(super) fn keep(&mut self, key: &str, path: &Path, bytes: Vec<u8>) -> String {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        // Line ends would divide the lines of tables and checksums.
+        let name = path.file_name().unwrap_or_default().to_string_lossy().replace(char::is_control, "_");
         let mut copy = format!("inputs/{name}");
         let mut number = 2;
         while self.inputs.iter().any(|input| input.path == copy) {
@@ -59,5 +60,17 @@ impl<'a> Findings<'a> {
         let source = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         self.inputs.push(Input { key: key.to_owned(), path: copy.clone(), source, bytes });
         copy
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_kept_file_has_a_name_on_one_line() {
+        let mut findings = Findings::new(Path::new("."));
+        let mut keep = |name| findings.keep("particles.number", Path::new(name), Vec::new());
+        assert_eq!([keep("a\nb.txt"), keep("a_b.txt")], ["inputs/a_b.txt", "inputs/2_a_b.txt"]);
     }
 }

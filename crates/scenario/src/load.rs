@@ -8,6 +8,7 @@ use flows::fields::UniformParams;
 use super::language::graft::{assigned, graft};
 use super::language::problems::Problems;
 use super::language::text::{Content, Node};
+use super::language::write::write;
 use super::language::{text, typed};
 use super::resolve::resolve;
 use super::resolved::Scenario;
@@ -32,10 +33,10 @@ pub fn parse(text: &str, name: &str) -> Result<Spec> {
     }
 }
 
-/// The tree of a scenario that a program has put together.
+/// The tree of a scenario that a program has put together; as RON, because JSON has no NaN and no infinity.
 fn tree_of(spec: &Spec) -> Result<Node> {
-    let value = serde_json::to_value(spec).map_err(|e| Error::input(format!("scenario: {e}")))?;
-    Ok(Node::of_value(&value))
+    let source = Arc::new(Source::file("scenario", &write(spec)?));
+    text::parse(&source).map_err(|problem| Error::Problems(vec![problem]))
 }
 
 /// Parses a scenario's text into a tree.
@@ -182,8 +183,7 @@ pub fn assignment(text: &str) -> Result<(&str, &str)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::language::write::write;
-    use super::super::spec::{Diameter, Field, Number, Preset, Timing};
+    use super::super::spec::{Diameter, Field, Number, Optics, Pairs, Preset, Sensor, Timing};
     use super::*;
 
     const GOOD: &str = r#"(
@@ -220,6 +220,22 @@ mod tests {
         let text = write(&spec).unwrap();
         assert_eq!(parse(&text, "s.ron").unwrap(), spec);
         assert_eq!(write(&parse(&text, "s.ron").unwrap()).unwrap(), text);
+    }
+
+    #[test]
+    fn numbers_of_a_program_that_are_not_finite_are_refused_like_those_of_a_file() {
+        let spec = parse(GOOD, "s.ron").unwrap();
+        let Timing::Pairs(pairs) = spec.timing.clone() else { panic!() };
+        let timing = Timing::Pairs(Pairs { dt_s: f64::NAN, ..pairs });
+        let optics = Optics { gain: Some(f64::INFINITY), ..spec.optics.clone() };
+        let error = build(Spec { timing, optics, ..spec.clone() }, Path::new(".")).unwrap_err().to_string();
+        assert_begin(
+            &error.lines().map(str::to_owned).collect::<Vec<_>>(),
+            &["optics.gain = inf: expected a number, 0 to 1e6", "timing.pairs.dt_s = NaN: expected a number"],
+        );
+        // Infinity where a file may have it.
+        let sensor = Some(Sensor { full_well_e: f64::INFINITY, ..Sensor::default() });
+        assert!(build(Spec { sensor, ..spec }, Path::new(".")).is_ok());
     }
 
     #[test]

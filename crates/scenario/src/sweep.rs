@@ -298,18 +298,18 @@ impl Values {
                 return Err(format!("expected finite numbers{positive}"));
             }
             let share = |i: u32| if span.count == 1 { 0.0 } else { f64::from(i) / f64::from(span.count - 1) };
+            // Rounded to 13 digits, so that 10 does not become 9.999999999999998.
+            let rounded = |x: f64| format!("{x:.12e}").parse().unwrap_or(x);
             let value = |i: u32| match i {
                 // Both ends are exact.
                 0 => span.from,
                 i if i + 1 == span.count => span.to,
-                i if log => {
-                    libm::exp(libm::log(span.from) * (1.0 - share(i)) + libm::log(span.to) * share(i))
-                }
-                i => span.from * (1.0 - share(i)) + span.to * share(i),
+                i if log => rounded(libm::exp(
+                    libm::log(span.from) * (1.0 - share(i)) + libm::log(span.to) * share(i),
+                )),
+                i => rounded(span.from * (1.0 - share(i)) + span.to * share(i)),
             };
-            // Rounded to 13 digits, so that 10 does not become 9.999999999999998.
-            let written = |x: f64| format!("{x:.12e}").parse().unwrap_or(x).to_string();
-            Ok((0..span.count).map(|i| written(value(i))).collect())
+            Ok((0..span.count).map(|i| value(i).to_string()).collect())
         };
         match self {
             Values::List(values) => Ok(values.iter().map(|value| value.0.clone()).collect()),
@@ -414,6 +414,8 @@ mod tests {
             .replace("repetitions: 2", "combine: zip");
         let zipped = sweep(&text).unwrap();
         assert_eq!(zipped.cases.iter().map(|c| c.values[0].as_str()).collect::<Vec<_>>(), ["0", "25", "50"]);
+        let exact = text.replace("from: 0, to: 50,", "from: 0.1234567890123456, to: 50,");
+        assert_eq!(sweep(&exact).unwrap().cases[0].values[0], "0.1234567890123456");
         let log = SWEEP.replace("list([0, 10, 50])", "log(from: 1, to: 100, count: 3)");
         let middle: f64 = sweep(&log).unwrap().cases[4].values[0].parse().unwrap();
         assert!((middle - 10.0).abs() < 1e-14);

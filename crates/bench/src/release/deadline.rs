@@ -1,4 +1,4 @@
-//! The deadline of a challenge: a day, over when it has ended everywhere on Earth (12:00 UTC of the next day).
+//! The deadline of a challenge: a day, over when it has ended everywhere on Earth (12:00 UTC on the next day).
 
 use std::time::SystemTime;
 
@@ -9,7 +9,7 @@ use chrono::{DateTime, Days, NaiveDate, NaiveTime, Utc};
 pub struct Deadline(NaiveDate);
 
 /// How long the day lasts in the last time zone (UTC-12), in words.
-pub(super) const UNTIL: &str = "the end of that day anywhere on Earth, 12:00 UTC of the next day";
+pub(super) const UNTIL: &str = "the end of that day anywhere on Earth, 12:00 UTC on the next day";
 
 impl std::str::FromStr for Deadline {
     type Err = String;

@@ -7,6 +7,7 @@
 //! of valid nodes, then by the RMS error at nodes. Scores that no criterion separates share a rank. Errors
 //! are always shown together with recall.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -77,8 +78,10 @@ pub struct Ranking {
 /// A score that is compared.
 #[derive(Debug, Clone)]
 pub struct Named {
-    /// Name of the tracker.
+    /// Its name.
     pub name: String,
+    /// Name of the tracker, the same for all its cases of a sweep.
+    pub tracker: String,
     /// Its scores.
     pub score: Score,
     /// Input of the paired comparison.
@@ -90,13 +93,17 @@ pub struct Named {
 /// # Errors
 /// A score that cannot be serialized; never observed.
 pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
-    let of = |Named { name, score, units }: Named| (Entry::of(name, &score, units), score);
+    let of = |Named { name, tracker, score, units }: Named| {
+        let mut entry = Entry::of(name, &score, units);
+        entry.tracker = tracker;
+        (entry, score)
+    };
     let scores = ranked(scores.into_iter().map(of).collect());
     let shown = |(entry, score): (Entry, Score)| -> Result<(Entry, Score)> {
         // Ranks use all digits.
         let released = redacted(&score)?;
         let mut shown = Entry::of(entry.name, &released, entry.units);
-        shown.rank = entry.rank;
+        (shown.rank, shown.tracker) = (entry.rank, entry.tracker);
         Ok((shown, released))
     };
     let scores: Vec<(Entry, Score)> = scores.into_iter().map(shown).collect::<Result<_>>()?;
@@ -137,45 +144,87 @@ fn shared(scores: &[(Entry, Score)]) -> impl Iterator<Item = String> {
 
 /// Reads scores; each is named after its folder.
 fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
-    let (mut scores, mut problems): (Vec<Named>, _) = (Vec::new(), Vec::new());
+    let (mut scores, mut problems) = (Vec::new(), Vec::new());
     for path in paths {
         match score_file::read(path).and_then(|score| Ok((score, score_file::read_units(path)?))) {
-            Ok((score, units)) => scores.push(Named { name: name(path), score, units: units.map(Arc::new) }),
+            Ok((score, units)) => scores.push((score, units.map(Arc::new))),
             Err(e) => problems.extend(e.problems()),
         }
     }
     if !problems.is_empty() {
         return Err(Error::Input(problems));
     }
-    for i in 1..scores.len() {
-        // Folders of the same name in different locations are different trackers, named by their paths. A path as short
-        // as the name is completed.
-        let (others, path) = (&scores[..i], &paths[i]);
-        let is_taken = |name: &String| others.iter().any(|s| s.name == *name);
-        if is_taken(&scores[i].name) {
-            let given = Some(path.display().to_string()).filter(|given| !is_taken(given));
-            let whole = || std::path::absolute(path).unwrap_or_else(|_| path.clone()).display().to_string();
-            scores[i].name = given.unwrap_or_else(whole);
-        }
-    }
-    Ok(scores)
+    let names = names_of(paths).into_iter().zip(scores);
+    Ok(names.map(|((name, tracker), (score, units))| Named { name, tracker, score, units }).collect())
 }
 
-/// Name of a score: that of its folder, which is usually named after the tracker. If this folder or the one above
-/// is a sweep case, the name has both: `ncc/case_00001`, `case_00001/ncc`.
-fn name(path: &Path) -> String {
-    let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
-    let text = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
-    let folder = file.parent().filter(|_| file.ends_with(SCORE));
-    let Some(own) = folder.and_then(text) else { return file.display().to_string() };
-    match folder.and_then(Path::parent).and_then(text) {
-        Some(above) if is_sweep_case(&own) || is_sweep_case(&above) => format!("{above}/{own}"),
-        _ => own,
+/// Names of the scores at these paths, and of their trackers. Folders of the same name in different locations are
+/// different trackers: the first has the short name, the others are named by their paths.
+fn names_of(paths: &[PathBuf]) -> Vec<(String, String)> {
+    let mut first: BTreeMap<String, PathBuf> = BTreeMap::new();
+    let mut names: Vec<(String, String)> = Vec::new();
+    for path in paths {
+        let place = ScorePlace::of(path);
+        let is_first =
+            first.entry(place.tracker.clone()).or_insert_with(|| place.root.clone()) == &place.root;
+        let tracker = match is_first {
+            true => place.tracker,
+            false => place.root.join(place.tracker).display().to_string(),
+        };
+        // A path as short as a name is completed.
+        let whole = || std::path::absolute(path).unwrap_or_else(|_| path.clone()).display().to_string();
+        let given = [Some(place.name).filter(|_| is_first), Some(path.display().to_string())];
+        let is_free = |name: &String| names.iter().all(|(other, _)| other != name);
+        let name = given.into_iter().flatten().find(is_free).unwrap_or_else(whole);
+        names.push((name, tracker));
+    }
+    names
+}
+
+/// What the folders around a score say about it.
+struct ScorePlace {
+    /// Name of its folder, which is usually named after the tracker. If this folder or the one above is a sweep case, the
+    /// name has both: `ncc/case_00001`, `case_00001/ncc`.
+    name: String,
+    /// The part of the name without the case.
+    tracker: String,
+    /// The folder of the name.
+    root: PathBuf,
+}
+
+impl ScorePlace {
+    fn of(path: &Path) -> Self {
+        let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
+        let text = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
+        let folder = file.parent().filter(|_| file.ends_with(SCORE));
+        let Some((folder, own)) = folder.and_then(|folder| Some((folder, text(folder)?))) else {
+            let name = file.display().to_string();
+            return ScorePlace { tracker: name.clone(), name, root: PathBuf::new() };
+        };
+        let around = folder.parent().unwrap_or(Path::new(""));
+        let root = || around.parent().unwrap_or(Path::new("")).to_owned();
+        match text(around) {
+            Some(above) if is_sweep_case(&own) => {
+                ScorePlace { name: format!("{above}/{own}"), tracker: above, root: root() }
+            }
+            Some(above) if is_sweep_case(&above) => {
+                ScorePlace { name: format!("{above}/{own}"), tracker: own, root: root() }
+            }
+            _ => {
+                // Scores of cases side by side: `case_00001-ncc`.
+                let tracker = match own.split_once('-') {
+                    _ if is_sweep_case(&own) => "result".to_owned(),
+                    Some((case, tracker)) if is_sweep_case(case) => tracker.to_owned(),
+                    _ => own.clone(),
+                };
+                ScorePlace { name: own, tracker, root: around.to_owned() }
+            }
+        }
     }
 }
 
 /// Whether a folder has the name of a sweep's case.
-pub(super) fn is_sweep_case(name: &str) -> bool {
+fn is_sweep_case(name: &str) -> bool {
     name.strip_prefix("case_").is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
@@ -380,6 +429,41 @@ mod tests {
         };
         let scores = [of("a", &["x", "y"]), of("b", &["x"]), of("c", &["y", "x"]), of("d", &["x"])];
         assert_eq!(shared(&scores).collect::<Vec<_>>(), ["a, b and 2 more: x", "a, c: y"]);
+    }
+
+    #[test]
+    fn a_tracker_has_the_name_of_its_folder_in_all_cases() {
+        let names = |paths: [&str; 4]| names_of(&paths.map(|path| Path::new(path).join(SCORE)));
+        let of =
+            |pairs: [(&str, &str); 4]| pairs.map(|(name, tracker)| (name.to_owned(), tracker.to_owned()));
+        // Names with the name of a case are not taken apart.
+        let trackers =
+            names(["s/net-case_0/case_0", "s/net-case_1/case_0", "s/my-net.v2/case_0", "s/case_3/case_0"]);
+        assert_eq!(
+            trackers,
+            of([
+                ("net-case_0/case_0", "net-case_0"),
+                ("net-case_1/case_0", "net-case_1"),
+                ("my-net.v2/case_0", "my-net.v2"),
+                ("case_3/case_0", "case_3"),
+            ])
+        );
+        // In two sweeps, also in cases that only the second has.
+        let sweeps = names(["a/mine/case_0", "a/mine/case_1", "b/mine/case_1", "b/mine/case_2"]);
+        assert_eq!(
+            sweeps,
+            of([
+                ("mine/case_0", "mine"),
+                ("mine/case_1", "mine"),
+                ("b/mine/case_1/score.json", "b/mine"),
+                ("b/mine/case_2/score.json", "b/mine"),
+            ])
+        );
+        let sides = names(["case_0/ncc", "case_1/ncc", "case_1-mle", "case_2"]);
+        assert_eq!(
+            sides,
+            of([("case_0/ncc", "ncc"), ("case_1/ncc", "ncc"), ("case_1-mle", "mle"), ("case_2", "result")])
+        );
     }
 
     #[test]

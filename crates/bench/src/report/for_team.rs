@@ -95,12 +95,43 @@ fn links(score: &Score) -> usize {
 /// The score without what a few rows decide. In bins of depth (also of the Cramer-Rao bound, whose efficiency is
 /// the bound over the RMS error of the bin), and by uncertainties that a result claims, one
 /// submission could ask about many particles at once; the mean score of claims (CRPS) is limited to the gate
-/// for each particle, as errors are. Errors of velocity have no upper limit: velocities that are wrong by 1,
+/// for each particle, as errors are. The errors of points in one frame give the height of its plane. Errors of velocity have no upper limit: velocities that are wrong by 1,
 /// 2, 4, ... would be weights, and the RMS error would tell which of many moved rows are matched. HOTA at each
 /// threshold is a score at another gate.
 fn without_details(score: &Score) -> Score {
-    let mut score =
-        Score { curves: Vec::new(), gates: Vec::new(), uncertainty: None, crlb: None, ..score.clone() };
+    let whole = score.clone();
+    // Each group is named, so that a new one is withheld or published on purpose.
+    let mut score = Score {
+        curves: Vec::new(),
+        gates: Vec::new(),
+        uncertainty: None,
+        crlb: None,
+        planes: None,
+        dataset: whole.dataset,
+        result: whole.result,
+        detection: whole.detection,
+        links: whole.links,
+        isbi: whole.isbi,
+        isbi_2d: whole.isbi_2d,
+        hota: whole.hota,
+        clear: whole.clear,
+        identity: whole.identity,
+        ctc: whole.ctc,
+        gdpt: whole.gdpt,
+        crps: whole.crps,
+        lpt: whole.lpt,
+        boxes: whole.boxes,
+        orientation: whole.orientation,
+        field: whole.field,
+        counts: whole.counts,
+        offset: whole.offset,
+        definitions: whole.definitions,
+        assumptions: whole.assumptions,
+        hints: whole.hints,
+        unknown: whole.unknown,
+        warnings: whole.warnings,
+        truth_is_secret: whole.truth_is_secret,
+    };
     if let Some(orientation) = score.orientation.as_mut().filter(|orientation| orientation.n < FEWEST) {
         let Orientation { n_true, n, mean_all_deg, guess_deg, .. } = *orientation;
         *orientation = Orientation { n_true, n, mean_all_deg, guess_deg, ..Orientation::default() };
@@ -235,6 +266,7 @@ mod tests {
     use scoring::evaluate::links::Links;
     use scoring::evaluate::lpt::Lpt;
     use scoring::evaluate::motion::Motion;
+    use scoring::evaluate::planes::PlaneScore;
     use scoring::evaluate::uncertainty::Uncertainty;
 
     #[test]
@@ -247,6 +279,7 @@ mod tests {
             crps: Some(mean),
             curves: vec![curve],
             crlb: Some(Crlb { efficiency_axis: Some(0.9), ..Crlb::default() }),
+            planes: Some(PlaneScore { bias_z_um: Some(1.5), ..PlaneScore::default() }),
             orientation: Some(Orientation {
                 n: 1,
                 mean_deg: Some(39.8),
@@ -260,7 +293,8 @@ mod tests {
             }),
             ..Score::default()
         });
-        assert!(kept.uncertainty.is_none() && kept.curves.is_empty() && kept.crlb.is_none());
+        assert!(kept.uncertainty.is_none() && kept.curves.is_empty());
+        assert!(kept.crlb.is_none() && kept.planes.is_none());
         let crps = serde_json::to_value(kept.crps).unwrap();
         assert_eq!(kept.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
         assert_eq!(kept.lpt.unwrap().motion, Motion::default());

@@ -25,6 +25,9 @@ pub struct Entry {
     pub rank: usize,
     /// Name of the score, from its folder.
     pub name: String,
+    /// Name of the tracker, the same for all its cases of a sweep.
+    #[serde(skip)]
+    pub tracker: String,
     /// Name of the dataset.
     pub dataset: String,
     /// detection.f1

@@ -9,7 +9,6 @@ use std::collections::BTreeSet;
 
 use maud::{Markup, html};
 
-use super::compare::is_sweep_case;
 use super::figure::{figure_by_group, names};
 use super::leaderboard::{Entry, axis_text, order_of_axes};
 use super::log_axis::is_logarithmic;
@@ -56,7 +55,7 @@ pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
 
 /// The scores of a tracker over an axis.
 struct Line<'a> {
-    tracker: String,
+    tracker: &'a str,
     /// Values on the other axes.
     fixed: String,
     /// Values on the axis in ascending order, each with its repetitions.
@@ -96,24 +95,22 @@ fn numbers_of(axis: &str, entries: &[&Entry]) -> Option<PlacingNumber> {
 fn lines_over<'a>(axis: &str, entries: &[&'a Entry], nth: usize) -> Vec<Line<'a>> {
     let keys: BTreeSet<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
     let number = |e: &Entry| order_of_axes(e.axes.get_key_value(axis).into_iter()).pop()?.2.get(nth).copied();
-    let mut placed: Vec<(f64, String, &Entry)> =
-        entries.iter().filter_map(|e| Some((number(e)?, tracker(e), *e))).collect();
+    let mut placed: Vec<(f64, &Entry)> = entries.iter().filter_map(|e| Some((number(e)?, *e))).collect();
     let others = |e: &'a Entry| order_of_axes(e.axes.iter().filter(|(other, _)| *other != axis));
     placed.sort_by(|a, b| {
-        let line =
-            a.1.cmp(&b.1).then_with(|| others(a.2).partial_cmp(&others(b.2)).unwrap_or(Ordering::Equal));
-        line.then_with(|| a.0.total_cmp(&b.0))
+        let by_others = || others(a.1).partial_cmp(&others(b.1)).unwrap_or(Ordering::Equal);
+        a.1.tracker.cmp(&b.1.tracker).then_with(by_others).then_with(|| a.0.total_cmp(&b.0))
     });
     let same_line =
-        |a: &(f64, String, &'a Entry), b: &(f64, String, &'a Entry)| a.1 == b.1 && others(a.2) == others(b.2);
-    let of_line = |line: &[(f64, String, &'a Entry)]| {
-        let (_, tracker, first) = &line[0];
+        |a: &(f64, &'a Entry), b: &(f64, &'a Entry)| a.1.tracker == b.1.tracker && others(a.1) == others(b.1);
+    let of_line = |line: &[(f64, &'a Entry)]| {
+        let (_, first) = line[0];
         let fixed = first.axes.iter().filter(|(other, _)| *other != axis);
         let fixed = fixed.map(|(other, v)| format!("{} = {}", short(other, &keys), axis_text(v)));
         let fixed = fixed.collect::<Vec<_>>().join(", ");
         let points = line.chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq());
-        let points = points.map(|same| (same[0].0, same.iter().map(|p| p.2).collect())).collect();
-        Line { tracker: tracker.clone(), fixed, points }
+        let points = points.map(|same| (same[0].0, same.iter().map(|p| p.1).collect())).collect();
+        Line { tracker: &first.tracker, fixed, points }
     };
     placed.chunk_by(same_line).map(of_line).collect()
 }
@@ -130,16 +127,6 @@ fn short<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
     ends.into_iter().find(is_own).unwrap_or(key)
 }
 
-/// Name of the tracker: the name of the score, as in `ncc/case_00001`, `case_00001/ncc` or `case_00001-ncc`, without
-/// the sweep case.
-fn tracker(entry: &Entry) -> String {
-    const BETWEEN: [char; 3] = ['/', '-', '.'];
-    let is_of_tracker = |part: &&str| !is_sweep_case(part.trim_end_matches(BETWEEN));
-    let name: String = entry.name.split_inclusive(BETWEEN).filter(is_of_tracker).collect();
-    let name = name.trim_end_matches(BETWEEN);
-    if name.is_empty() { "result".to_owned() } else { name.to_owned() }
-}
-
 /// A score over an axis; `None` if no case has it.
 fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Result<Option<Markup>> {
     // Minimum and maximum number of repetitions of the points.
@@ -148,7 +135,7 @@ fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Re
     let (least, most) = counts.filter(|n| *n > 0).fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
     let mut series: Vec<Series> =
         on_axis.iter().map(|line| series(line, value, has_interval, most > 1)).collect();
-    let mut trackers: Vec<&str> = on_axis.iter().map(|line| line.tracker.as_str()).collect();
+    let mut trackers: Vec<&str> = on_axis.iter().map(|line| line.tracker).collect();
     let mut drawn = series.iter().map(Series::has_points);
     trackers.retain(|_| drawn.next() == Some(true));
     series.retain(Series::has_points);
@@ -206,17 +193,17 @@ mod tests {
 
     use super::*;
 
-    fn entry(name: &str, f1: f64, axes: &[(&str, Value)]) -> Entry {
+    fn entry(tracker: &str, f1: f64, axes: &[(&str, Value)]) -> Entry {
         let mut entry = Entry::default();
-        (entry.name, entry.f1) = (name.to_owned(), Some(f1));
+        (entry.tracker, entry.f1) = (tracker.to_owned(), Some(f1));
         entry.axes = axes.iter().map(|(axis, value)| ((*axis).to_owned(), value.clone())).collect();
         entry
     }
 
     #[test]
     fn repetitions_are_a_mean_with_its_standard_deviation() {
-        let of = |case: usize, x: f64, f1: f64| entry(&format!("ncc/case_{case}"), f1, &[("a.x", x.into())]);
-        let entries = [of(0, 1.0, 0.9), of(1, 1.0, 0.7), of(2, 20.0, 0.4), of(3, 20.0, 0.6), of(4, 3.0, 0.5)];
+        let of = |x: f64, f1: f64| entry("ncc", f1, &[("a.x", x.into())]);
+        let entries = [of(1.0, 0.9), of(1.0, 0.7), of(20.0, 0.4), of(20.0, 0.6), of(3.0, 0.5)];
         let entries: Vec<&Entry> = entries.iter().collect();
         let on_axis = lines_over("a.x", &entries, 0);
         let [line] = &on_axis[..] else { panic!("{} lines", on_axis.len()) };
@@ -255,8 +242,7 @@ mod tests {
     #[test]
     fn lines_are_in_the_order_of_numbers() {
         let values = [100.0, 20.0, 400.0, 0.0];
-        let of =
-            |noise: f64| entry("ncc/case_0", 0.5, &[("o.noise", noise.into()), ("n.count", 16.0.into())]);
+        let of = |noise: f64| entry("ncc", 0.5, &[("o.noise", noise.into()), ("n.count", 16.0.into())]);
         let entries = values.map(of);
         let on_axis = lines_over("n.count", &entries.iter().collect::<Vec<_>>(), 0);
         let fixed: Vec<&str> = on_axis.iter().map(|line| line.fixed.as_str()).collect();
@@ -271,7 +257,7 @@ mod tests {
                 ("particles.number.count", count.into()),
                 ("timing.pairs.count", 2.into()),
             ];
-            entry(&format!("{tracker}/case_{count}"), 0.5, &axes)
+            entry(tracker, 0.5, &axes)
         };
         let entries = [of("ncc", 5), of("spots", 5), of("ncc", 9)];
         let page = plot("x", &lines_over("x", &entries.iter().collect::<Vec<_>>(), 0), QUANTITIES[0]);
@@ -280,23 +266,9 @@ mod tests {
         assert!(page[ncc..spots].contains("number.count = 5, pairs.count = 2"), "{page}");
         assert!(page[ncc..spots].contains("number.count = 9, pairs.count = 2"), "{page}");
         assert!(page[spots..].contains("number.count = 5") && !page[spots..].contains("number.count = 9"));
-        let alone = [entry("ncc/case_0", 0.5, &[("x", 1.0.into())])];
+        let alone = [entry("ncc", 0.5, &[("x", 1.0.into())])];
         let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>(), 0), QUANTITIES[0]);
         assert!(page.unwrap().unwrap().into_string().contains("<b>ncc</b> <span"));
-    }
-
-    #[test]
-    fn a_tracker_is_named_as_its_folder() {
-        for (name, of) in [
-            ("my-net.v2/case_00001", "my-net.v2"),
-            ("case_00001/ncc", "ncc"),
-            ("b/ncc/case_00001", "b/ncc"),
-            ("case_00001-ncc", "ncc"),
-            ("case_00001", "result"),
-            ("case_a", "case_a"),
-        ] {
-            assert_eq!(tracker(&entry(name, 0.5, &[])), of);
-        }
     }
 
     #[test]

@@ -22,9 +22,10 @@ pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
 use crate::report;
 use dataset::manifest::GENERATOR_VERSION;
+use dataset::{FieldRow, Row, TrackRow};
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
-use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
+use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, evaluate_files};
 use scoring::ranking::{Contestant, rank};
 use site::Site;
 use storage::error::{Error, Result};
@@ -325,6 +326,13 @@ fn scored_case(
         seed: options.seed,
         ..EvaluateOptions::default()
     };
+    // A truth that cannot be read is no fault of a tracker.
+    for (is_field, path) in [(false, TrackRow::PATH), (true, FieldRow::PATH)] {
+        if dataset.join(path).exists() || case.rank_by.iter().all(|metric| metric.is_of_fields() == is_field)
+        {
+            Truth::read(&dataset, is_field, &rules)?;
+        }
+    }
     let evaluated: Vec<Scored> = entered
         .par_iter()
         .map(|tracker| {

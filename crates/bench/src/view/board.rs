@@ -4,7 +4,8 @@ use serde_json::{Value, json};
 
 use super::state::App;
 use super::subject::Tracker;
-use scoring::ranking::{Better, SCORES, ScoreDef};
+use scoring::evaluate::measurement::number;
+use scoring::ranking::{SCORES, ScoreDef};
 use storage::error::Result;
 
 /// Columns of the leaderboard.
@@ -16,14 +17,18 @@ fn columns() -> impl Iterator<Item = &'static ScoreDef> {
 pub(super) fn about(app: &App) -> Value {
     let subject = app.subject();
     let has = |tracker: &Tracker| tracker.results.iter().map(Option::is_some).collect::<Vec<_>>();
-    let columns = columns().map(|def| {
-        json!({ "path": def.path, "label": def.label, "unit": def.unit, "more_is_better": def.better != Better::Smaller })
-    });
+    let columns = columns()
+        .map(|def| json!({ "path": def.path, "label": def.label, "unit": def.unit, "better": def.better }));
     let columns: Vec<Value> = columns.collect();
+    let datasets = subject.datasets.iter().map(|d| {
+        let numbers: Vec<Option<f64>> = d.values.iter().map(|value| number(value)).collect();
+        json!({ "name": d.name, "values": d.values, "numbers": numbers })
+    });
+    let datasets: Vec<Value> = datasets.collect();
     json!({
         "title": app.title(), "version": storage::VERSION, "may_save": subject.scenario.is_some(),
         "is_sweep": subject.sweep.is_some(), "axes": subject.axes, "columns": columns,
-        "datasets": subject.datasets.iter().map(|d| json!({ "name": d.name, "values": d.values })).collect::<Vec<_>>(),
+        "datasets": datasets,
         "trackers": subject.trackers.iter().map(|t| json!({ "name": t.name, "has": has(t) })).collect::<Vec<_>>(),
     })
 }

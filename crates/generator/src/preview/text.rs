@@ -33,7 +33,7 @@ pub fn lines(preview: &Preview) -> [String; 2] {
                 let ([x, y], [of_all_x, of_all_y]) =
                     (mean.least_sizes_um.map(shown), mean.focal_planes_um.map(shown));
                 format!(
-                    ", images narrowest at {x} and lowest at {y} (with their halo, root mean square, at {of_all_x} and {of_all_y})"
+                    ", images smallest in x at {x} and in y at {y} (with their halo, root mean square, at {of_all_x} and {of_all_y})"
                 )
             };
             format!(

@@ -1,6 +1,7 @@
 //! `microsig verify`: checks that a dataset is complete, unchanged and consistent with its manifest.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use glam::DVec3;
@@ -58,7 +59,7 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
             failures.push(format!("{file}: changed: its SHA-256 differs from {SHA256SUMS}"));
         }
     }
-    manifest_agrees(dataset, &fingerprints, &mut failures);
+    manifest_agrees(dataset, &fingerprints, &mut failures)?;
     // The same checksums can be written with different bytes, for example in another order.
     if failures.is_empty() && checksums::write(&fingerprints) != text {
         failures.push(format!("{SHA256SUMS}: changed, although its checksums are correct"));
@@ -79,11 +80,15 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
 }
 
 /// Checks size and hash of every resource and the columns of every table against the manifest.
-fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>, failures: &mut Vec<String>) {
-    let manifest = match Manifest::read(dataset) {
-        Ok(manifest) => manifest,
-        Err(e) => return failures.push(e.to_string()),
-    };
+///
+/// # Errors
+/// A file that cannot be read.
+fn manifest_agrees(
+    dataset: &Path,
+    fingerprints: &BTreeMap<String, Fingerprint>,
+    failures: &mut Vec<String>,
+) -> Result<()> {
+    let Some(manifest) = checked(Manifest::read(dataset), failures)? else { return Ok(()) };
     let resources: BTreeMap<&str, &Resource> =
         manifest.resources.iter().map(|r| (r.path.as_str(), r)).collect();
     for (file, fingerprint) in fingerprints.iter().filter(|(file, _)| *file != MANIFEST) {
@@ -101,7 +106,25 @@ fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>,
     }
     for (path, resource) in resources {
         if let Some(schema) = resource.schema.as_ref().filter(|_| fingerprints.contains_key(path)) {
-            failures.extend(table_agrees(dataset, path, schema).err().map(|e| e.to_string()));
+            checked(table_agrees(dataset, path, schema), failures)?;
+        }
+    }
+    Ok(())
+}
+
+/// Adds what is wrong with a file to the failed checks.
+///
+/// # Errors
+/// A file that exists and cannot be read: it is neither right nor wrong.
+fn checked<T>(result: Result<T>, failures: &mut Vec<String>) -> Result<Option<T>> {
+    match result {
+        Ok(value) => Ok(Some(value)),
+        Err(Error::Read { path, source }) if source.kind() != ErrorKind::NotFound => {
+            Err(Error::Read { path, source })
+        }
+        Err(e) => {
+            failures.extend(e.problems());
+            Ok(None)
         }
     }
 }
@@ -148,7 +171,9 @@ fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
         Err(format!("a particle of {d} um at ({x}, {y}, {z}) um overlaps a wall of the flow or a body"))
     };
     let table = TableReader::new(TrackRow::PATH, input::open(&path)?)?;
-    table.rows(&[], inside).map(drop).map_err(|e| Error::Failed(e.messages()))
+    let mut failures = Vec::new();
+    checked(table.rows(&[], inside), &mut failures)?;
+    if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures)) }
 }
 
 /// Tolerated overlap with a wall, from rounding, um.
@@ -179,4 +204,20 @@ fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> 
     Err(Error::Failed(
         files.into_iter().map(|f| format!("{f}: has different bytes when generated again")).collect(),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_read_is_neither_right_nor_wrong() {
+        let read = |kind| Err::<(), _>(Error::read(Path::new("a.csv"), kind));
+        let mut failures = Vec::new();
+        assert!(checked(read(ErrorKind::PermissionDenied.into()), &mut failures).is_err());
+        assert!(failures.is_empty());
+        assert_eq!(checked(read(ErrorKind::NotFound.into()), &mut failures).unwrap(), None);
+        assert_eq!(checked(Err::<(), _>(Error::input("a.csv:2: no number")), &mut failures).unwrap(), None);
+        assert_eq!(failures.len(), 2, "{failures:?}");
+    }
 }

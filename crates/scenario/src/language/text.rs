@@ -6,8 +6,6 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use serde_json::Value;
-
 use storage::problem::{Place, Problem, Source};
 
 /// Nesting beyond this depth is refused before it can exhaust the stack.
@@ -72,26 +70,6 @@ impl Node {
     /// A node without text of its own, reported at `place`.
     pub(crate) fn new(place: &Place, content: Content) -> Self {
         Node { place: place.clone(), content }
-    }
-
-    /// A value of a program, in its JSON form; messages quote it as JSON.
-    pub(crate) fn of_value(value: &Value) -> Self {
-        let source = Source::file("scenario", &value.to_string());
-        let place = Place { span: 0..source.text.len(), source: Arc::new(source) };
-        let content = match value {
-            Value::Null | Value::Bool(_) | Value::Number(_) => Content::Word(value.to_string()),
-            Value::String(text) => Content::Text(text.clone()),
-            Value::Array(items) => Content::Items(items.iter().map(Self::of_value).collect()),
-            Value::Object(fields) => {
-                let field = |(key, value): (&String, &Value)| Field {
-                    key: key.clone(),
-                    place: place.clone(),
-                    value: Self::of_value(value),
-                };
-                Content::Fields(fields.iter().map(field).collect())
-            }
-        };
-        Node { place, content }
     }
 
     /// The text as written, on one line, truncated after 60 characters.

@@ -44,8 +44,8 @@ pub(super) fn parse(text: &str, name: &str, folder: &Path) -> Result<Suite> {
         for (l, ladder) in track.ladders.iter().enumerate() {
             let at = format!("tracks.{t}.ladders.{l}");
             let found = rungs_of(ladder, &at, folder, &tree, &mut problems);
-            for rung in &found {
-                if of_track.iter().flatten().any(|other| other.name == rung.name) {
+            for (i, rung) in found.iter().enumerate() {
+                if of_track.iter().flatten().chain(&found[..i]).any(|other| other.name == rung.name) {
                     let message = format!("case `{}` occurs twice in track {}", rung.name, track.name);
                     problems.push(Problem::other(&at, message).at(&tree.find(&at).0));
                 }
@@ -158,8 +158,9 @@ fn shown(ladder: &LadderSpec, paths: &[String], values: &[String]) -> Vec<AxisVa
         // such as count(46) its content.
         let parsed = text::parse(&Arc::new(Source::assignment(path, value)));
         let number = parsed.ok().and_then(|node| node.last_number()).filter(|number| number.is_finite());
-        // Rounded to 4 digits: 0.1 times 30 is 3.0000000000000004.
-        let number = number.map(|x| format!("{:.3e}", x * factor).parse().unwrap_or(x));
+        // A product is rounded to 4 digits: 0.1 times 30 is 3.0000000000000004.
+        let product = |x: f64| format!("{:.3e}", x * factor).parse().unwrap_or(x);
+        let number = number.map(|x| if factor == 1.0 { x } else { product(x) });
         AxisValue {
             label: label.map_or_else(|| path.clone(), |label| label.name.clone()),
             shown: number.map_or_else(|| value.clone(), |x: f64| x.to_string()),

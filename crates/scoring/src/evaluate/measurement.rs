@@ -153,8 +153,12 @@ pub(super) fn axes(dataset: &Path) -> Result<BTreeMap<String, serde_json::Value>
     Ok(BTreeMap::new())
 }
 
-/// Converts a cell to a number if possible (also one written as `1_000`), otherwise to text.
+/// Converts a cell to a number if possible, otherwise to text.
 fn value(text: &str) -> serde_json::Value {
-    let number = text.replace('_', "").parse::<f64>().ok().and_then(serde_json::Number::from_f64);
-    number.map_or_else(|| text.into(), serde_json::Value::Number)
+    number(text).map_or_else(|| text.into(), serde_json::Value::from)
+}
+
+/// The number that a value of a sweep's axis is, also one written as `1_000`; `None` for a word, a vector and the like.
+pub fn number(text: &str) -> Option<f64> {
+    text.replace('_', "").parse().ok().filter(|number: &f64| number.is_finite())
 }

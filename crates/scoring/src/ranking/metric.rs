@@ -2,13 +2,15 @@
 //! are read. Rankings, tables and pages refer to this list.
 
 use scenario::Metric;
+use serde::Serialize;
 
 use crate::evaluate::Score;
 use crate::evaluate::field::FieldScore;
 use crate::evaluate::statistics::Interval;
 
 /// Which values of a score are better.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Better {
     /// Larger values.
     Greater,

@@ -6,6 +6,14 @@ import { Chart } from "./plots.js";
 
 const seriesColors = ["#5b9dff", "#ff9a4a", "#2fd3b5", "#c58bff", "#ff5fb0", "#c9b037"];
 
+/** The value of a score as a number of which more is better; a missing one is the worst. */
+const merit = (better, value) => {
+  if (value === null) {
+    return -Infinity;
+  }
+  return better === "near_one" ? -Math.abs(value - 1) : better === "smaller" ? -value : value;
+};
+
 /** The page of the leaderboard; `open` is called with a dataset and its trackers. */
 export class BoardPage {
   constructor(about, open) {
@@ -102,18 +110,19 @@ export class BoardPage {
     const used = columns.filter(({ path }) => rows.some(({ entry }) => (entry?.scores[path] ?? null) !== null));
     const { by, isUp } = this.sorted;
     const key = by ?? this.score.value;
-    const moreIsBetter = columns.find(({ path }) => path === key)?.more_is_better ?? true;
-    const order = (row) => row.entry?.scores[key] ?? (moreIsBetter ? -Infinity : Infinity);
-    const sign = (moreIsBetter ? -1 : 1) * (by && isUp ? -1 : 1);
-    const sorted = [...rows].sort((a, b) => sign * (order(a) - order(b)) || 0);
+    const better = columns.find(({ path }) => path === key)?.better;
+    const order = (row) => merit(better, row.entry?.scores[key] ?? null);
+    const isReversed = Boolean(by && isUp);
+    const sorted = [...rows].sort((a, b) => (isReversed ? order(a) - order(b) : order(b) - order(a)) || 0);
+    const isAscending = (better === "smaller") !== isReversed;
     const best = Object.fromEntries(
-      used.map(({ path, more_is_better: more }) => {
-        const values = rows.map(({ entry }) => entry?.scores[path] ?? null).filter((value) => value !== null);
-        return [path, more ? Math.max(...values) : Math.min(...values)];
+      used.map(({ path, better }) => {
+        const values = rows.map(({ entry }) => entry?.scores[path] ?? null);
+        return [path, values.reduce((a, b) => (merit(better, b) > merit(better, a) ? b : a))];
       }),
     );
     const head = (path, label, unit) =>
-      el("th", { scope: "col", "aria-sort": key === path ? (sign < 0 ? "descending" : "ascending") : "none" }, el("button", { type: "button", onclick: () => this.sortBy(path) }, unit ? `${label}, ${unitText(unit)}` : label));
+      el("th", { scope: "col", "aria-sort": key === path ? (isAscending ? "ascending" : "descending") : "none" }, el("button", { type: "button", onclick: () => this.sortBy(path) }, unit ? `${label}, ${unitText(unit)}` : label));
     const name = ({ d, t, tracker }) => el("button", { type: "button", class: "link", onclick: () => this.open(d, [t]) }, tracker.name);
     this.table.replaceChildren(
       el(
@@ -157,7 +166,7 @@ export class BoardPage {
       return;
     }
     const axis = Number(this.axis.value);
-    const position = ({ d, dataset }) => (axis < 0 ? d : Number(dataset.values[axis]));
+    const position = ({ d, dataset }) => (axis < 0 ? d : dataset.numbers[axis] ?? NaN);
     if (rows.some((row) => Number.isNaN(position(row)))) {
       this.axis.value = "-1";
       return say(`the values of ${this.about.axes[axis]} are not numbers; the curve is drawn over cases`);

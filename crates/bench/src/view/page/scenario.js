@@ -124,7 +124,7 @@ export class ScenarioPage {
       const text = this.editor.text;
       await saveScenario(text);
       this.saved = text;
-      this.name.textContent = this.name.textContent.replace(" (new)", "");
+      this.name.textContent = lastPart(this.name.title);
       say("Saved.");
       setTimeout(() => say(""), 2000);
     } catch (error) {
