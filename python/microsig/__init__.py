@@ -1,7 +1,7 @@
 """Benchmark datasets, training streams and scores for PIV and PTV with defocused and astigmatic particle images.
 
 >>> import microsig as ms
->>> ds = ms.generate("scenarios/quickstart.ron", seed=7)        # doctest: +SKIP
+>>> ds = ms.generate("quickstart", seed=7)        # doctest: +SKIP
 >>> ds.images, ds.tracks["x_px"], ds.displacements              # doctest: +SKIP
 
 Everything is computed by the same code as the ``microsig`` command, with identical numbers to the last digit.

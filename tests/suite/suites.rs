@@ -487,6 +487,11 @@ fn faults_of_a_suite_are_shown_with_their_line() {
         .unwrap();
     let message = fail(2, &["suite", "list", path(&file)]);
     assert!(message.contains("case `noise_2` occurs twice in track P2"), "{message}");
+    write(place.path(), &SUITE.replace(", factor: 0.1", ""));
+    std::fs::write(place.path().join("noise.ron"), SWEEP.replace("list([5, 20])", "list([20.001, 20.002])"))
+        .unwrap();
+    let listed = run(&["suite", "list", path(&file)]);
+    assert!(listed.contains("noise_20.001 ") && listed.contains("noise_20.002 "), "{listed}");
     // Faults of a scenario or sweep have the line of its own file.
     let file = write(place.path(), SUITE);
     std::fs::write(place.path().join("noise.ron"), SWEEP.replace("background_noise", "background_nois"))

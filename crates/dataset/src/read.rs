@@ -32,6 +32,15 @@ impl TableReader<File> {
     }
 }
 
+/// What is wrong with a table, or why it cannot be read.
+fn unreadable(name: &str, error: csv::Error) -> Error {
+    let what = error.to_string();
+    match error.into_kind() {
+        csv::ErrorKind::Io(source) => Error::read(Path::new(name), source),
+        _ => Error::input(format!("{name}: {what}")),
+    }
+}
+
 impl<R: Read> TableReader<R> {
     /// A table of this name in messages.
     ///
@@ -39,7 +48,7 @@ impl<R: Read> TableReader<R> {
     /// A header that cannot be read.
     pub fn new(name: &str, reader: R) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(reader);
-        let header = reader.headers().map_err(|e| Error::input(format!("{name}: {e}")))?;
+        let header = reader.headers().map_err(|e| unreadable(name, e))?;
         let header: Vec<String> = header.iter().map(str::to_owned).collect();
         Ok(TableReader { name: name.to_owned(), reader, header, record: csv::StringRecord::new() })
     }
@@ -60,7 +69,7 @@ impl<R: Read> TableReader<R> {
     /// A file that cannot be read; a row of another length than the header.
     pub fn next_row(&mut self) -> Result<Option<(u64, &csv::StringRecord)>> {
         let more = self.reader.read_record(&mut self.record);
-        if !more.map_err(|e| Error::input(format!("{}: {e}", self.name)))? {
+        if !more.map_err(|e| unreadable(&self.name, e))? {
             return Ok(None);
         }
         let (line, fields) = (self.record.position().map_or(0, csv::Position::line), self.record.len());

@@ -128,10 +128,10 @@ impl Twin {
         let speed = round(DISPLACEMENT_PX * self.px_um / DT_S, 1);
         format!(
             "// Images as the scanned microscope would record them; written by `microsig fit`.\n\
-             // Choose a flow (`microsig flows`), the number of particles and the timing.\n\
+             // Choose a flow (`microsig flows`), the depth range, the number of particles and the timing.\n\
              (\n    name: \"twin\",\n    description: \"Digital twin of a real microscope\",\n    \
              optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
-             motion: flow(field: poiseuille(max_speed_um_s: {speed:?}, walls_z_um: ({low:?}, {high:?}))),\n    \
+             motion: flow(field: poiseuille(max_speed_um_s: {speed:?})),\n    \
              particles: (number: count({}), diameter_um: constant({}){c_int}),\n    \
              boundaries: (z_um: ({low:?}, {high:?})),\n    timing: pairs(count: 10, dt_s: {DT_S:?}),\n{render}{sensor})\n",
             self.particles.max(FEWEST_PARTICLES),

@@ -48,7 +48,7 @@ impl<'a> Findings<'a> {
     /// Keeps a file that was read for `key`, to be copied to the dataset, and returns its path there; files with
     /// the same name are numbered.
     pub(super) fn keep(&mut self, key: &str, path: &Path, bytes: Vec<u8>) -> String {
-        // Line ends would divide the lines of tables and checksums.
+        // Line breaks would split the lines of tables and checksums.
         let name = path.file_name().unwrap_or_default().to_string_lossy().replace(char::is_control, "_");
         let mut copy = format!("inputs/{name}");
         let mut number = 2;

@@ -36,7 +36,7 @@ pub fn parse(text: &str, name: &str) -> Result<Spec> {
 /// The tree of a scenario that a program has put together; as RON, because JSON has no NaN and no infinity.
 fn tree_of(spec: &Spec) -> Result<Node> {
     let source = Arc::new(Source::file("scenario", &write(spec)?));
-    text::parse(&source).map_err(|problem| Error::Problems(vec![problem]))
+    text::parse(&source).map_err(|problem| Error::Problems(vec![Problem { place: None, ..problem }]))
 }
 
 /// Parses a scenario's text into a tree.

@@ -58,7 +58,13 @@ impl ScenarioText {
             return Self::shipped(name);
         }
         let folder = file.parent().unwrap_or(Path::new(".")).to_owned();
-        Ok(ScenarioText { text: read_text(file)?, name, folder, _unpacked: None })
+        let text = read_text(file).map_err(|e| match file.file_stem().and_then(|stem| stem.to_str()) {
+            Some(stem) if !file.exists() && Shipped::named(stem).is_some() => {
+                Error::input(format!("{e}; the shipped scenario is found by its name, `{stem}`"))
+            }
+            _ => e,
+        })?;
+        Ok(ScenarioText { text, name, folder, _unpacked: None })
     }
 
     fn shipped(name: String) -> Result<Self> {
@@ -105,5 +111,9 @@ mod tests {
         );
         assert!(said("odpc1").contains("is a suite"));
         assert!(said("./quickstart").starts_with("./quickstart: "), "a path is not a name");
+        assert!(
+            said("scenarios/quickstart.ron")
+                .ends_with("the shipped scenario is found by its name, `quickstart`")
+        );
     }
 }

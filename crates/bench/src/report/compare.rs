@@ -161,55 +161,64 @@ fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
 /// Names of the scores at these paths, and of their trackers. Folders of the same name in different locations are
 /// different trackers: the first has the short name, the others are named by their paths.
 fn names_of(paths: &[PathBuf]) -> Vec<(String, String)> {
-    let mut first: BTreeMap<String, PathBuf> = BTreeMap::new();
+    let mut trackers: BTreeMap<(PathBuf, String), String> = BTreeMap::new();
     let mut names: Vec<(String, String)> = Vec::new();
     for path in paths {
-        let place = ScorePlace::of(path);
-        let is_first =
-            first.entry(place.tracker.clone()).or_insert_with(|| place.root.clone()) == &place.root;
-        let tracker = match is_first {
-            true => place.tracker,
-            false => place.root.join(place.tracker).display().to_string(),
-        };
+        let ScorePlace { name, tracker, root } = ScorePlace::of(path);
+        let here = absolute(&root);
+        let key = (here.clone(), tracker.clone());
+        let label = trackers.get(&key).cloned().unwrap_or_else(|| {
+            let longer = [root.join(&tracker), here.join(&tracker)].map(|path| path.display().to_string());
+            let labels = [tracker.clone()].into_iter().chain(longer);
+            // No other folder has the last one.
+            labels
+                .clone()
+                .find(|label| !trackers.values().any(|taken| taken == label))
+                .or(labels.last())
+                .unwrap_or_default()
+        });
+        trackers.insert(key, label.clone());
         // A path as short as a name is completed.
-        let whole = || std::path::absolute(path).unwrap_or_else(|_| path.clone()).display().to_string();
-        let given = [Some(place.name).filter(|_| is_first), Some(path.display().to_string())];
+        let given = [Some(name).filter(|_| label == tracker), Some(path.display().to_string())];
         let is_free = |name: &String| names.iter().all(|(other, _)| other != name);
-        let name = given.into_iter().flatten().find(is_free).unwrap_or_else(whole);
-        names.push((name, tracker));
+        let name = given.into_iter().flatten().find(is_free);
+        names.push((name.unwrap_or_else(|| absolute(path).display().to_string()), label));
     }
     names
 }
 
-/// What the folders around a score say about it.
+/// The path from the root of the file system.
+fn absolute(path: &Path) -> PathBuf {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// What the path of a score says about it.
 struct ScorePlace {
     /// Name of its folder, which is usually named after the tracker. If this folder or the one above is a sweep case, the
-    /// name has both: `ncc/case_00001`, `case_00001/ncc`.
+    /// name has both: `ncc/case_00001`, `case_00001/ncc`. The path of a file that is not called `score.json`.
     name: String,
     /// The part of the name without the case.
     tracker: String,
-    /// The folder of the name.
+    /// The folder that contains folders of trackers or cases.
     root: PathBuf,
 }
 
 impl ScorePlace {
     fn of(path: &Path) -> Self {
         let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
+        let parent = |path: &Path| path.parent().unwrap_or(Path::new("")).to_owned();
         let text = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
-        let folder = file.parent().filter(|_| file.ends_with(SCORE));
-        let Some((folder, own)) = folder.and_then(|folder| Some((folder, text(folder)?))) else {
-            let name = file.display().to_string();
-            return ScorePlace { tracker: name.clone(), name, root: PathBuf::new() };
+        let in_folder = file.ends_with(SCORE);
+        let place = if in_folder { parent(&file) } else { file.with_extension("") };
+        let whole = file.display().to_string();
+        let around = parent(&place);
+        let Some(own) = text(&place) else {
+            return ScorePlace { tracker: whole.clone(), name: whole, root: around };
         };
-        let around = folder.parent().unwrap_or(Path::new(""));
-        let root = || around.parent().unwrap_or(Path::new("")).to_owned();
-        match text(around) {
-            Some(above) if is_sweep_case(&own) => {
-                ScorePlace { name: format!("{above}/{own}"), tracker: above, root: root() }
-            }
-            Some(above) if is_sweep_case(&above) => {
-                ScorePlace { name: format!("{above}/{own}"), tracker: own, root: root() }
-            }
+        let (short, tracker, root) = match text(&around) {
+            Some(above) if is_sweep_case(&own) => (format!("{above}/{own}"), above, parent(&around)),
+            Some(above) if is_sweep_case(&above) => (format!("{above}/{own}"), own, parent(&around)),
             _ => {
                 // Scores of cases side by side: `case_00001-ncc`.
                 let tracker = match own.split_once('-') {
@@ -217,9 +226,10 @@ impl ScorePlace {
                     Some((case, tracker)) if is_sweep_case(case) => tracker.to_owned(),
                     _ => own.clone(),
                 };
-                ScorePlace { name: own, tracker, root: around.to_owned() }
+                (own, tracker, around)
             }
-        }
+        };
+        ScorePlace { name: if in_folder { short } else { whole }, tracker, root }
     }
 }
 
@@ -417,6 +427,8 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     #[test]
@@ -459,6 +471,13 @@ mod tests {
                 ("b/mine/case_2/score.json", "b/mine"),
             ])
         );
+        // The second is in the current folder; a folder may be written in two ways.
+        let nearer = names(["a/ncc/case_0", "ncc/case_0", "./ncc/case_1", "a/mle/case_0"]);
+        assert_eq!(nearer.iter().map(|(_, tracker)| tracker).collect::<BTreeSet<_>>().len(), 3);
+        assert_eq!((&nearer[0].1[..], &nearer[1].1), ("ncc", &nearer[2].1));
+        let files = names_of(&["s/ncc/case_0.json", "s/ncc/case_1.json", "s/mle.json"].map(PathBuf::from));
+        assert_eq!(files[0], ("s/ncc/case_0.json".to_owned(), "ncc".to_owned()));
+        assert_eq!(files.into_iter().map(|(_, tracker)| tracker).collect::<Vec<_>>(), ["ncc", "ncc", "mle"]);
         let sides = names(["case_0/ncc", "case_1/ncc", "case_1-mle", "case_2"]);
         assert_eq!(
             sides,

@@ -95,9 +95,9 @@ fn links(score: &Score) -> usize {
 /// The score without what a few rows decide. In bins of depth (also of the Cramer-Rao bound, whose efficiency is
 /// the bound over the RMS error of the bin), and by uncertainties that a result claims, one
 /// submission could ask about many particles at once; the mean score of claims (CRPS) is limited to the gate
-/// for each particle, as errors are. The errors of points in one frame give the height of its plane. Errors of velocity have no upper limit: velocities that are wrong by 1,
-/// 2, 4, ... would be weights, and the RMS error would tell which of many moved rows are matched. HOTA at each
-/// threshold is a score at another gate.
+/// for each particle, as errors are. The errors of points in one frame give the height of its plane. Errors of
+/// velocity have no upper limit: velocities that are wrong by 1, 2, 4, ... would be weights, and the RMS error
+/// would tell which of many moved rows are matched. HOTA at each threshold is a score at another gate.
 fn without_details(score: &Score) -> Score {
     let whole = score.clone();
     // Each group is named, so that a new one is withheld or published on purpose.

@@ -22,7 +22,6 @@ pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
 use crate::report;
 use dataset::manifest::GENERATOR_VERSION;
-use dataset::{FieldRow, Row, TrackRow};
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, evaluate_files};
@@ -327,12 +326,8 @@ fn scored_case(
         ..EvaluateOptions::default()
     };
     // A truth that cannot be read is no fault of a tracker.
-    for (is_field, path) in [(false, TrackRow::PATH), (true, FieldRow::PATH)] {
-        if dataset.join(path).exists() || case.rank_by.iter().all(|metric| metric.is_of_fields() == is_field)
-        {
-            Truth::read(&dataset, is_field, &rules)?;
-        }
-    }
+    let is_of_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
+    Truth::read(&dataset, is_of_fields, &rules)?;
     let evaluated: Vec<Scored> = entered
         .par_iter()
         .map(|tracker| {

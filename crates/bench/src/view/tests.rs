@@ -380,6 +380,12 @@ fn scores_are_those_of_evaluate() {
     assert_eq!(server.get("dataset/0/result/0/worst?kind=7").status, 400);
     let entry = server.json("board/0/0");
     assert_eq!(entry["scores"]["detection.f1"], expected["detection"]["f1"]);
+    let columns = server.json("about")["columns"].clone();
+    let better = |path: &str| {
+        columns.as_array().unwrap().iter().find(|c| c["path"] == path).unwrap()["better"].clone()
+    };
+    let said = ["detection.f1", "detection.rmse_xy_px", "field.nodes.response"].map(better);
+    assert_eq!(said, ["greater", "smaller", "near_one"]);
 }
 
 #[test]

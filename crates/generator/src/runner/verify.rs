@@ -33,7 +33,7 @@ pub struct Verified {
 /// `regenerate`, it is generated again from its scenario and compared byte by byte.
 ///
 /// # Errors
-/// [`Error::Input`] if this is not a dataset; [`Error::Failed`] with all failed checks.
+/// [`Error::Input`] if this is not a dataset; [`Error::Failed`] with all failed checks; a file that cannot be read.
 pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Verified> {
     if is_partial(dataset) {
         return Err(Error::Failed(vec![format!("{}: unfinished", dataset.display())]));
@@ -171,9 +171,10 @@ fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
         Err(format!("a particle of {d} um at ({x}, {y}, {z}) um overlaps a wall of the flow or a body"))
     };
     let table = TableReader::new(TrackRow::PATH, input::open(&path)?)?;
-    let mut failures = Vec::new();
-    checked(table.rows(&[], inside), &mut failures)?;
-    if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures)) }
+    table.rows(&[], inside).map(drop).map_err(|e| match e {
+        Error::Read { .. } => e,
+        wrong => Error::Failed(wrong.messages()),
+    })
 }
 
 /// Tolerated overlap with a wall, from rounding, um.
