@@ -225,7 +225,7 @@ mod tests {
     #[test]
     fn numbers_of_a_program_that_are_not_finite_are_refused_like_those_of_a_file() {
         let spec = parse(GOOD, "s.ron").unwrap();
-        let Timing::Pairs(pairs) = spec.timing.clone() else { panic!() };
+        let Timing::Pairs(pairs) = spec.timing else { panic!() };
         let timing = Timing::Pairs(Pairs { dt_s: f64::NAN, ..pairs });
         let optics = Optics { gain: Some(f64::INFINITY), ..spec.optics.clone() };
         let error = build(Spec { timing, optics, ..spec.clone() }, Path::new(".")).unwrap_err().to_string();
