@@ -358,20 +358,6 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     let message = fail(2, &["check-submission", datasets, path(&results.join("broken")), "--suite", suite]);
     assert!(message.contains("results.csv:2: "), "{message}");
 
-    // A truth that cannot be read is no fault of a tracker.
-    let damaged = place.path().join("damaged");
-    for file in suite::tree(&c.datasets).unwrap().into_keys() {
-        std::fs::create_dir_all(damaged.join(&file).parent().unwrap()).unwrap();
-        std::fs::copy(c.datasets.join(&file), damaged.join(&file)).unwrap();
-    }
-    let tracks = damaged.join("P2/noise_2/test/truth/tracks.csv");
-    let text = std::fs::read_to_string(&tracks).unwrap().replacen("\n0,", "\nzero,", 1);
-    std::fs::write(&tracks, text).unwrap();
-    let mut of_damaged = again.clone();
-    of_damaged[3] = path(&damaged);
-    let message = fail(2, &of_damaged);
-    assert!(message.contains("P2/noise_2/test/truth/tracks.csv:2: "), "{message}");
-
     // A misspelled case would be a missing result.
     result("spots", "noise_3");
     std::fs::write(results.join("spots/P2/noise_3/results.csv"), "frame,x_px,y_px\n").unwrap();
@@ -380,6 +366,29 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     assert!(message.contains("noise_3/results.csv: the suite has no such case"), "{message}");
     let message = fail(2, &[&all[..], &["--force"]].concat());
     assert!(message.contains("spots/P2/noise_3: track P2 has no such case at size smoke"), "{message}");
+}
+
+#[test]
+fn a_damaged_truth_is_no_fault_of_a_tracker() {
+    let c = &*LITTLE;
+    let place = tempfile::tempdir().unwrap();
+    let damaged = place.path().join("damaged");
+    for file in suite::tree(&c.datasets).unwrap().into_keys() {
+        std::fs::create_dir_all(damaged.join(&file).parent().unwrap()).unwrap();
+        std::fs::copy(c.datasets.join(&file), damaged.join(&file)).unwrap();
+    }
+    let tracks = damaged.join("P2/noise_2/test/truth/tracks.csv");
+    let results = place.path().join("results/perfect/P2/noise_2");
+    std::fs::create_dir_all(&results).unwrap();
+    std::fs::copy(&tracks, results.join("results.csv")).unwrap();
+    let text = std::fs::read_to_string(&tracks).unwrap().replacen("\n0,", "\nzero,", 1);
+    std::fs::write(&tracks, text).unwrap();
+    let (results, out) = (place.path().join("results"), place.path().join("out"));
+    let message = fail(
+        2,
+        &["suite", "score", path(&c.suite), path(&damaged), "--results", path(&results), "--out", path(&out)],
+    );
+    assert!(message.contains("P2/noise_2/test/truth/tracks.csv:2: ") && !out.exists(), "{message}");
 }
 
 /// Writes the site of the scores of `all` in `out`, also with a name that links must escape, moves it, and checks it.

@@ -39,6 +39,7 @@ pub use focal_planes::CylinderFacts;
 pub use language::derive::schema_of;
 pub use language::document::{Page, Picture, Scene};
 pub use language::schema::{Entry, Schema, ValueKind, nearest};
+pub use language::text::number;
 pub use language::write::ron;
 pub use language::write::{compact, write};
 pub use load::{SCENARIO, assignment, build, load, load_text, of_dataset, parse, set};

@@ -161,23 +161,16 @@ fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
 /// Names of the scores at these paths, and of their trackers. Folders of the same name in different locations are
 /// different trackers: the first has the short name, the others are named by their paths.
 fn names_of(paths: &[PathBuf]) -> Vec<(String, String)> {
-    let mut trackers: BTreeMap<(PathBuf, String), String> = BTreeMap::new();
+    let mut trackers: BTreeMap<PathBuf, String> = BTreeMap::new();
     let mut names: Vec<(String, String)> = Vec::new();
     for path in paths {
         let ScorePlace { name, tracker, root } = ScorePlace::of(path);
-        let here = absolute(&root);
-        let key = (here.clone(), tracker.clone());
-        let label = trackers.get(&key).cloned().unwrap_or_else(|| {
-            let longer = [root.join(&tracker), here.join(&tracker)].map(|path| path.display().to_string());
-            let labels = [tracker.clone()].into_iter().chain(longer);
-            // No other folder has the last one.
-            labels
-                .clone()
-                .find(|label| !trackers.values().any(|taken| taken == label))
-                .or(labels.last())
-                .unwrap_or_default()
-        });
-        trackers.insert(key, label.clone());
+        let place = absolute(&root).join(&tracker);
+        let is_taken =
+            |label: &String| trackers.iter().any(|(other, taken)| taken == label && *other != place);
+        let longer = [root.join(&tracker), place.clone()].map(|path| path.display().to_string());
+        let free = [tracker.clone()].into_iter().chain(longer).find(|label| !is_taken(label));
+        let label = trackers.entry(place.clone()).or_insert_with(|| free.unwrap_or_default()).clone();
         // A path as short as a name is completed.
         let given = [Some(name).filter(|_| label == tracker), Some(path.display().to_string())];
         let is_free = |name: &String| names.iter().all(|(other, _)| other != name);

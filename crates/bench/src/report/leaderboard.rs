@@ -238,12 +238,12 @@ fn form_and_numbers(text: &str) -> (String, Vec<f64>) {
     let is_separator = |c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c));
     for part in text.split_inclusive(is_separator) {
         let (word, separator) = part.split_at(part.trim_end_matches(is_separator).len());
-        match word.replace('_', "").parse::<f64>() {
-            Ok(number) if number.is_finite() => {
+        match scenario::number(word) {
+            Some(number) => {
                 form.push('#');
                 numbers.push(number);
             }
-            _ => form.push_str(word),
+            None => form.push_str(word),
         }
         form.push_str(separator);
     }

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::state::App;
 use super::subject::Tracker;
-use scoring::evaluate::measurement::number;
+use scenario::number;
 use scoring::ranking::{SCORES, ScoreDef};
 use storage::error::Result;
 

@@ -66,6 +66,12 @@ pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
     }
 }
 
+/// The finite number that a text is, as scenarios write it (also `1_000`, `0x10`); `None` for a word, a vector and the like.
+pub fn number(text: &str) -> Option<f64> {
+    let whole = || ron::from_str::<u64>(text).ok().map(|whole| whole as f64);
+    ron::from_str(text).ok().or_else(whole).filter(|number: &f64| number.is_finite())
+}
+
 impl Node {
     /// A node without text of its own, reported at `place`.
     pub(crate) fn new(place: &Place, content: Content) -> Self {
@@ -93,7 +99,7 @@ impl Node {
     /// values with keys.
     pub(crate) fn last_number(&self) -> Option<f64> {
         match &self.content {
-            Content::Word(word) => word.parse().ok(),
+            Content::Word(word) => number(word),
             Content::Variant(_, inner) => inner.last_number(),
             Content::Items(items) if !self.place.text().starts_with('[') => items.last()?.last_number(),
             Content::Text(_) | Content::Fields(_) | Content::Items(_) => None,
@@ -328,6 +334,12 @@ mod tests {
 
     fn tree(text: &str) -> Result<Node, Problem> {
         parse(&Arc::new(Source::file("s.ron", text)))
+    }
+
+    #[test]
+    fn numbers_are_those_of_scenarios() {
+        assert_eq!(["1_000", "0x10", "-2.5e-1"].map(number), [Some(1000.0), Some(16.0), Some(-0.25)]);
+        assert_eq!(["inf", "(1, 2)", "setting1", "x10", ""].map(number), [None; 5]);
     }
 
     #[test]

@@ -155,25 +155,5 @@ pub(super) fn axes(dataset: &Path) -> Result<BTreeMap<String, serde_json::Value>
 
 /// Converts a cell to a number if possible, otherwise to text.
 fn value(text: &str) -> serde_json::Value {
-    number(text).map_or_else(|| text.into(), serde_json::Value::from)
-}
-
-/// The number that a value of a sweep's axis is, also one written as `1_000` or `0x10`; `None` for a word, a vector and
-/// the like.
-pub fn number(text: &str) -> Option<f64> {
-    let digits = text.replace('_', "");
-    let of_base = |(prefix, base)| u64::from_str_radix(digits.strip_prefix(prefix)?, base).ok();
-    let whole = || [("0x", 16), ("0o", 8), ("0b", 2)].into_iter().find_map(of_base).map(|whole| whole as f64);
-    digits.parse().ok().or_else(whole).filter(|number: &f64| number.is_finite())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_read_as_in_scenarios() {
-        assert_eq!(["1_000", "0x10", "-2.5e-1"].map(number), [Some(1000.0), Some(16.0), Some(-0.25)]);
-        assert_eq!(["inf", "(1, 2)", "setting1", "x10", ""].map(number), [None; 5]);
-    }
+    scenario::number(text).map_or_else(|| text.into(), serde_json::Value::from)
 }
