@@ -18,7 +18,7 @@ from ._recording import import_recording
 from ._render import Settings, render
 from ._scenario import Scenario
 from ._scores import Comparison, Scores, compare, evaluate, methods, sweep, track
-from ._stream import PARTICLE_COLUMNS, Law, Stream, choice, integers, log_uniform, uniform
+from ._stream import PARTICLE_COLUMNS, Distribution, Stream, choice, integers, log_uniform, uniform
 from ._table import Table
 from ._verbs import Fit, Optics, export, fit, optics, release, reveal, verify
 
@@ -26,10 +26,10 @@ __all__ = [
     "Calibration",
     "Comparison",
     "Dataset",
+    "Distribution",
     "Field",
     "FieldInfo",
     "Fit",
-    "Law",
     "Optics",
     "PARTICLE_COLUMNS",
     "Scenario",

@@ -24,7 +24,7 @@ LABELS = ("particles", "boxes", "shapes", "instances", "heatmap", "depth", "flow
 
 
 @dataclass(frozen=True)
-class Law:
+class Distribution:
     """How a value varies from sample to sample; created by :func:`uniform`, :func:`integers`, ..."""
 
     name: str
@@ -35,43 +35,43 @@ class Law:
         return self.name, [float(b) for b in self.bounds], [_scenario._value(v) for v in self.values]
 
 
-def uniform(low: float, high: float) -> Law:
+def uniform(low: float, high: float) -> Distribution:
     """Uniform between two numbers.
 
     :raises TypeError: not a number; :class:`Stream` raises ValueError if they are not finite or ``low`` > ``high``
     """
-    return Law("uniform", (real("low", low), real("high", high)))
+    return Distribution("uniform", (real("low", low), real("high", high)))
 
 
-def log_uniform(low: float, high: float) -> Law:
+def log_uniform(low: float, high: float) -> Distribution:
     """Log-uniform between two positive numbers.
 
     :raises TypeError: not a number; :class:`Stream` raises ValueError if they are not finite, not > 0 or ``low`` > ``high``
     """
-    return Law("log_uniform", (real("low", low), real("high", high)))
+    return Distribution("log_uniform", (real("low", low), real("high", high)))
 
 
-def integers(low: int, high: int) -> Law:
+def integers(low: int, high: int) -> Distribution:
     """Integers from ``low`` to ``high``, both included, with equal probability.
 
     :raises TypeError: not an integer
     :raises ValueError: outside -2^53 to 2^53; :class:`Stream` raises it if ``low`` > ``high``
     """
-    return Law("integers", (whole("low", low, -(2**53), 2**53), whole("high", high, -(2**53), 2**53)))
+    return Distribution("integers", (whole("low", low, -(2**53), 2**53), whole("high", high, -(2**53), 2**53)))
 
 
-def choice(values: Sequence[Any]) -> Law:
+def choice(values: Sequence[Any]) -> Distribution:
     """One of several values with equal probability: numbers, texts, lists, dicts, as in a scenario.
 
     :raises TypeError: not a sequence; :class:`Stream` raises ValueError if it is empty or contains a value that is not allowed
     """
     if not isinstance(values, (Sequence, np.ndarray)) or isinstance(values, str):
         raise TypeError(f"values = {values!r}: expected a list of values")
-    return Law("choice", values=tuple(values))
+    return Distribution("choice", values=tuple(values))
 
 
-def _law(path: str, given: Any) -> Law:
-    if isinstance(given, Law):
+def _distribution(path: str, given: Any) -> Distribution:
+    if isinstance(given, Distribution):
         return given
     raise TypeError(f"vary {path}: expected ms.uniform, ms.log_uniform, ms.integers or ms.choice, not {given!r}")
 
@@ -133,7 +133,7 @@ class Stream:
         *,
         crop: tuple[int, int] | None = None,
         crop_at: Literal["center", "random"] = "center",
-        vary: Mapping[str, Law] | None = None,
+        vary: Mapping[str, Distribution] | None = None,
         seed: int = 0,
         set: Mapping[str, Any] | None = None,
         labels: Sequence[str] = (),
@@ -207,12 +207,12 @@ class Stream:
             "heatmap_sigma_px": real("heatmap_sigma_px", heatmap_sigma_px),
         }
         if not isinstance(vary, (Mapping, type(None))):
-            raise TypeError(f"vary = {vary!r}: expected a dict of laws by path, such as {{'optics.gain': ms.uniform(1, 2)}}")
+            raise TypeError(f"vary = {vary!r}: expected a dict of distributions by path, such as {{'optics.gain': ms.uniform(1, 2)}}")
         _check_paths(list(vary or {}))
-        laws = [(path, _law(path, law)._parts()) for path, law in (vary or {}).items()]
+        distributions = [(path, _distribution(path, distribution)._parts()) for path, distribution in (vary or {}).items()]
         number = (2 if "flow" in labels else 1) if frames is None else whole("frames", frames, 1, 2**31 - 1)
         text = _scenario.text(scenario, None, values)
-        self._arguments = (text, laws, seed, validation, number, wanted, particles, window)
+        self._arguments = (text, distributions, seed, validation, number, wanted, particles, window)
         self._position = 0
         self._process = -1
         self._start()
@@ -312,8 +312,8 @@ class Stream:
     @property
     def fingerprint(self) -> str:
         """A hash of everything that samples depend on."""
-        text, laws, seed, split, frames, wanted, rows, window = self._arguments
-        inputs = [text["text"], text["assignments"], laws, seed, split, frames, wanted, window]
+        text, distributions, seed, split, frames, wanted, rows, window = self._arguments
+        inputs = [text["text"], text["assignments"], distributions, seed, split, frames, wanted, window]
         return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:16]
 
     def state_dict(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use generator::runner::Stop;
-use generator::stream::{Batch, Flow, LabelOptions, Law, SampleStream, Split, StreamOptions};
+use generator::stream::{Batch, Distribution, Flow, LabelOptions, SampleStream, Split, StreamOptions};
 use numpy::{Element, PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -21,8 +21,8 @@ use crate::run::{OnInterrupt, defect, pool, raise, run};
 /// Interval at which signals are checked.
 const TICK: Duration = Duration::from_millis(50);
 
-/// A law: its name, numbers, and values as written.
-type LawParts = (String, Vec<f64>, Vec<String>);
+/// A distribution: its name, numbers, and values as written.
+type DistributionParts = (String, Vec<f64>, Vec<String>);
 
 /// Requested labels.
 #[derive(Debug, Clone, FromPyObject)]
@@ -51,13 +51,13 @@ struct Labels {
     heatmap_sigma_px: f64,
 }
 
-fn law((name, numbers, values): LawParts) -> storage::Result<Law> {
+fn distribution((name, numbers, values): DistributionParts) -> storage::Result<Distribution> {
     Ok(match (name.as_str(), numbers.as_slice()) {
-        ("uniform", &[low, high]) => Law::Uniform { low, high },
-        ("log_uniform", &[low, high]) => Law::LogUniform { low, high },
-        ("integers", &[low, high]) => Law::Integers { low: low as i64, high: high as i64 },
-        ("choice", _) => Law::Choice(values),
-        _ => return Err(storage::Error::input(format!("vary: {name} is not a law"))),
+        ("uniform", &[low, high]) => Distribution::Uniform { low, high },
+        ("log_uniform", &[low, high]) => Distribution::LogUniform { low, high },
+        ("integers", &[low, high]) => Distribution::Integers { low: low as i64, high: high as i64 },
+        ("choice", _) => Distribution::Choice(values),
+        _ => return Err(storage::Error::input(format!("vary: {name} is not a distribution"))),
     })
 }
 
@@ -72,7 +72,7 @@ impl Samples {
     fn new(
         py: Python<'_>,
         text: ScenarioText,
-        vary: Vec<(String, LawParts)>,
+        vary: Vec<(String, DistributionParts)>,
         seed: u64,
         validation: bool,
         frames: u32,
@@ -89,7 +89,7 @@ impl Samples {
                 assignments: text.assignments,
                 vary: vary
                     .into_iter()
-                    .map(|(path, parts)| Ok((path, law(parts)?)))
+                    .map(|(path, parts)| Ok((path, distribution(parts)?)))
                     .collect::<storage::Result<_>>()?,
                 seed,
                 split: if validation { Split::Validation } else { Split::Train },

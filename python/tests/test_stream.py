@@ -181,7 +181,7 @@ def test_any_sample_is_that_of_any_batch():
         labels = [label for label in LABELS if random.random() < 0.5]
         window = dict(crop=(24, 32), crop_at="random") if random.random() < 0.5 else dict(crop=(24, 32))
         arguments = dict(labels=labels, seed=int(random.integers(2**63)), split=str(random.choice(["train", "val"])))
-        vary = {path: law for path, law in VARY.items() if random.random() < 0.7}
+        vary = {path: distribution for path, distribution in VARY.items() if random.random() < 0.7}
         drawn = stream(vary=vary, batch=int(random.integers(1, 6)), **window, **arguments)
         first = int(random.integers(2**40))
         drawn.seek(first)

@@ -195,7 +195,7 @@ def rms_of_found(errors):
 def bars(fitted, matches, um_per_px):
     """What the fit and `mle` must reach on this scan (20x/0.45, M = 10.01), with what they reach."""
     report = json.loads((fitted / "field.json").read_text())
-    law = {row["key"]: row["value"] for row in report["coefficients"]}
+    coefficient = {row["key"]: row["value"] for row in report["coefficients"]}
     single = pd.read_csv(fitted / "particles.csv").query("single == 'yes'")
     outer = single[np.hypot(single.x_mm, single.y_mm) > 0.35]
     real = matches[(matches.images == "real") & (matches.method == "mle") & (matches.kind == "match") & (matches.z_um.abs() > NEAR_UM)]
@@ -203,16 +203,16 @@ def bars(fitted, matches, um_per_px):
     middle = (single.x_px - single.x_mm * 1e3 / um_per_px).mean(), (single.y_px - single.y_mm * 1e3 / um_per_px).mean()
     far = near & (np.hypot(real.x_px - middle[0], real.y_px - middle[1]) * um_per_px > 300)
     return pd.DataFrame([
-        ("R2 of single particles by the laws, mean", single.r2_of_laws.mean(), 0.990, np.inf),
-        ("the same beyond 350 um", outer.r2_of_laws.mean(), 0.988, np.inf),
-        ("chi2 per pixel of one frame", report["chi2_of_laws"], 0, 2.9),
+        ("R2 of single particles by the field dependence, mean", single.r2_of_field.mean(), 0.990, np.inf),
+        ("the same beyond 350 um", outer.r2_of_field.mean(), 0.988, np.inf),
+        ("chi2 per pixel of one frame", report["chi2_of_field"], 0, 2.9),
         ("blur, um", report["blur_um"], 0.80, 0.92),
         ("numerical aperture", report["numerical_aperture"], 0.435, 0.447),
         ("variance of the noise per count", report["noise"][1], 0.045, 0.18),
-        ("curvature of the focus at 400 um, um", 0.16 * law["focus.curvature_um_per_mm2"], 0.68, 0.98),
-        ("tilt of the focus along y, um/mm", law["focus.tilt_um_per_mm.1"], 3.6, 4.0),
-        ("coma, waves/mm", law["coma.per_mm"], -0.147, -0.107),
-        ("focus about its law, rms, um", rms(single.focus_um_of_laws - single.focus_um_law), 0, 0.12),
+        ("curvature of the focus at 400 um, um", 0.16 * coefficient["focus.curvature_um_per_mm2"], 0.68, 0.98),
+        ("tilt of the focus along y, um/mm", coefficient["focus.tilt_um_per_mm.1"], 3.6, 4.0),
+        ("coma, waves/mm", coefficient["coma.per_mm"], -0.147, -0.107),
+        ("focus about its field dependence, rms, um", rms(single.focus_um_of_field - single.focus_um_field), 0, 0.12),
         ("single particles by mle, RMS error of z, um", rms(real.dz_um[near]), 0, 0.40),
         ("the same beyond 300 um", rms(real.dz_um[far]), 0, 0.45),
         ("the same, bias, um", real.dz_um[near].mean(), -0.15, 0.15),

@@ -40,7 +40,7 @@ enum Task {
         scratch: Option<PathBuf>,
     },
     /// Makes all records of speed anew, one after the other: `bench`, `instructions`, `peers` (other generators)
-    /// and `scoring`; about 40 minutes of an otherwise idle machine.
+    /// and `scoring`; 20 to 40 minutes of an otherwise idle machine.
     Records {
         /// Folder of the records.
         #[arg(long, default_value = "results")]

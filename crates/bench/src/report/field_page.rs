@@ -1,4 +1,4 @@
-//! The report of a fit of a field: its laws, maps of what single particles say, images from center to corner.
+//! The report of a fit of a field: coefficients, maps of the values of single particles, images from center to corner.
 
 use fit::{FieldFiles, FieldFit, FieldParticle};
 use maud::{Markup, html};
@@ -12,7 +12,7 @@ use storage::error::Result;
 const MAP: f64 = 200.0;
 const DOT: f64 = 5.0;
 
-/// Quantities without a law.
+/// Quantities that do not depend on the field.
 const UNMAPPED: [&str; 2] = ["x_px", "y_px"];
 
 /// The report of a fit.
@@ -26,12 +26,12 @@ pub(crate) fn field_page(made: &FieldFiles, scan: &str, size_px: [usize; 2]) -> 
     let montage = montage(made)?;
     let body = html! {
         h1 { (title) }
-        p.soft { (singles) " single particles of " (fitted.particles.len()) "; their images by the laws of the field: R2 "
-            (format!("{:.4}", fitted.r2_of_laws)) ", chi2 per pixel " (format!("{:.2}", fitted.chi2_of_laws)) " (noise of one frame)" }
+        p.soft { (singles) " single particles of " (fitted.particles.len()) "; their images by the field dependence: R2 "
+            (format!("{:.4}", fitted.r2_of_field)) ", chi2 per pixel " (format!("{:.2}", fitted.chi2_of_field)) " (noise of one frame)" }
         @for warning in &fitted.warnings { p.warning { (warning) } }
-        h2 { "Laws" }
+        h2 { "Field dependence" }
         p.soft { "X and Y are distances from the center of the field in the particles' space, mm. Intervals: from the scatter of the \
-            particles about the laws." }
+            particles about the fitted functions of X and Y." }
         div.scroll { table {
             tr { th { "coefficient" } th { "value" } th { "95 % interval" } }
             @for c in &fitted.coefficients {
@@ -76,20 +76,20 @@ fn montage(made: &FieldFiles) -> Result<Markup> {
     })
 }
 
-/// Measured values, law and residual of a quantity.
+/// Measured values, those of the field dependence, and residuals of a quantity.
 fn maps(fitted: &FieldFit, quantity: usize, name: &str, size_px: [usize; 2]) -> Markup {
     let singles = || fitted.particles.iter().filter(|particle| particle.is_single);
     let count = singles().count().max(1) as f64;
     let mean = singles().map(|particle| particle.measured[quantity]).sum::<f64>() / count;
     let most = singles().map(|particle| (particle.measured[quantity] - mean).abs()).fold(1e-12, f64::max);
-    let residual = |particle: &FieldParticle| particle.measured[quantity] - particle.law[quantity];
+    let residual = |particle: &FieldParticle| particle.measured[quantity] - particle.of_field[quantity];
     let rms = (singles().map(|particle| residual(particle).powi(2)).sum::<f64>() / count).sqrt();
     let places = decimals(most);
     html! {
-        h3 { (name) ": " (format!("{mean:.places$} +- {most:.places$}, {rms:.places$} RMS about the law")) }
+        h3 { (name) ": " (format!("{mean:.places$} +- {most:.places$}, {rms:.places$} RMS residual")) }
         div.scroll { table.windows { tr {
             td { (map("measured", fitted, size_px, &|particle| (particle.measured[quantity] - mean) / most)) }
-            td { (map("law", fitted, size_px, &|particle| (particle.law[quantity] - mean) / most)) }
+            td { (map("field dependence", fitted, size_px, &|particle| (particle.of_field[quantity] - mean) / most)) }
             td { (map("residual", fitted, size_px, &|particle| residual(particle) / most)) }
         } } }
     }
@@ -135,13 +135,13 @@ mod tests {
             is_single,
             chi2: 1.1,
             r2: 0.99,
-            chi2_of_laws: 1.2,
-            r2_of_laws: 0.98,
-            focus_of_laws_um: -1.6,
+            chi2_of_field: 1.2,
+            r2_of_field: 0.98,
+            focus_of_field_um: -1.6,
             light: 1e5,
             measured: vec![x_px, 0.44],
             sd: vec![0.1, 0.01],
-            law: vec![x_px, 0.43],
+            of_field: vec![x_px, 0.43],
         };
         let fitted = FieldFit {
             coefficients: vec![Coefficient { key: "numerical_aperture", value: 0.44, sd: 0.001, unit: "" }],
@@ -155,8 +155,8 @@ mod tests {
             background: 100.0,
             quantities: vec!["x_px", "numerical_aperture"],
             particles: vec![particle(true, 20.0), particle(false, 80.0)],
-            r2_of_laws: 0.98,
-            chi2_of_laws: 1.2,
+            r2_of_field: 0.98,
+            chi2_of_field: 1.2,
             warnings: vec!["a < b".to_owned()],
         };
         let counts = vec![1.0, f32::NAN, 3.0, 4.0];
@@ -169,7 +169,7 @@ mod tests {
         {
             assert!(page.contains(text), "{text}");
         }
-        // Three images, and three maps of the only quantity with a law.
+        // Three images, and three maps of the only quantity that is mapped.
         assert_eq!(page.matches("data:image/png").count(), 3);
         assert_eq!((page.matches("<circle").count(), page.matches("fill=\"none\"").count()), (6, 3));
     }

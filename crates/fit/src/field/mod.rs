@@ -1,12 +1,12 @@
 //! The fit of a whole field: the optics of an objective as they vary over the field of view.
 //!
 //! Single particles are found over the field (`particles`), repeated frames give the noise (`frames`), each
-//! particle is fitted by wave optics with aberrations of its own (`local`, `particle`), and the laws of the
-//! field follow from all that are single (`laws`). Particles are taken to lie on a plane across the stage's
+//! particle is fitted by wave optics with aberrations of its own (`local`, `particle`), and the field dependence
+//! follows from all that are single (`dependence`). Particles are taken to lie on a plane across the stage's
 //! motion: a tilt of the plane is a tilt of the focus.
 
+mod dependence;
 mod frames;
-mod laws;
 mod local;
 mod outcome;
 mod output;
@@ -23,9 +23,9 @@ use crate::optics::Given;
 use crate::particles;
 use crate::scan::Scan;
 use crate::waves::WaveModel;
+pub use dependence::Coefficient;
+use dependence::{Evidence, FieldDependence};
 use frames::Frames;
-pub use laws::Coefficient;
-use laws::{Evidence, Laws};
 use local::{
     ASTIGMATISM, BLUR, COMA, FOCUS, Instrument, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION, X, Y,
 };
@@ -100,7 +100,7 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
             .min_by(|&a, &b| distance(middle(a), middle(k)).total_cmp(&distance(middle(b), middle(k))));
         fits.push(single(subject, nearest.map(|j| fits[j].local))?);
     }
-    watch("laws of the field");
+    watch("field dependence");
     let median = median(fits.iter().map(Fit::chi2).collect());
     let is_single: Vec<bool> = fits.iter().map(|fit| fit.chi2() < DOUBLE * median).collect();
     let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
@@ -109,35 +109,38 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let evidence = |fits: &[Fit]| -> Vec<Evidence> {
         singles.iter().filter_map(|&k| evidence_of(places[k], &fits[k])).collect()
     };
-    let undetermined =
-        || Error::input("the particles do not determine the laws of the field: they must be spread over it");
-    let laws = Laws::of(&evidence(&fits)).ok_or_else(undetermined)?;
-    watch("laws of the field: refinement");
-    let refined = about_laws(&subjects, &fits, &singles, |k| laws.at(places[k], &fits[k].local))?;
-    let laws = Laws::of(&evidence(&refined)).ok_or_else(undetermined)?;
-    watch("images by the laws");
-    let of_laws: Vec<Fit> = (0..fits.len())
+    let undetermined = || {
+        Error::input(
+            "the particles do not determine the field dependence: they must be spread over the field",
+        )
+    };
+    let dependence = FieldDependence::of(&evidence(&fits)).ok_or_else(undetermined)?;
+    watch("field dependence: refinement");
+    let refined = about_field(&subjects, &fits, &singles, |k| dependence.at(places[k], &fits[k].local))?;
+    let dependence = FieldDependence::of(&evidence(&refined)).ok_or_else(undetermined)?;
+    watch("images by the field dependence");
+    let of_field: Vec<Fit> = (0..fits.len())
         .map(|k| {
-            let start = laws.at(places[k], &fits[k].local);
+            let start = dependence.at(places[k], &fits[k].local);
             subjects[k].fit(&start, &[FOCUS, X, Y], FINE, 3)
         })
         .collect::<Result<_>>()?;
     let result =
         Outcome { scan, options, frames: &frames, subjects: &subjects, candidates: &candidates, found };
-    result.files(&fits, &is_single, &laws, &of_laws)
+    result.files(&fits, &is_single, &dependence, &of_field)
 }
 
-/// Fits of single particles by one step from the laws, where the quadratic approximations hold for all of
+/// Fits of single particles by one step from the field dependence, where the quadratic approximations hold for all of
 /// them.
-fn about_laws(
+fn about_field(
     subjects: &[Subject],
     fits: &[Fit],
     singles: &[usize],
-    at_laws: impl Fn(usize) -> Local,
+    at_field: impl Fn(usize) -> Local,
 ) -> Result<Vec<Fit>> {
     let mut refined = fits.to_vec();
     for &k in singles {
-        let fit = subjects[k].fit_at(&at_laws(k), &FREE, FINE)?;
+        let fit = subjects[k].fit_at(&at_field(k), &FREE, FINE)?;
         let mut local = fit.local;
         if let Some(step) = fit.quadratic.matrix.solve(&fit.quadratic.right) {
             FREE.iter().zip(step).for_each(|(&quantity, by)| local[quantity] += by);

@@ -1,10 +1,12 @@
 //! What a fit of a field found, with the files that describe it.
 
+use std::ops::RangeInclusive;
+
 use microsig_core::optics::FieldOptics;
 use serde::Serialize;
 
+use super::dependence::{Coefficient, FEWEST, FieldDependence, LIGHT};
 use super::frames::Frames;
-use super::laws::{Coefficient, FEWEST, LIGHT, Laws};
 use super::local::{FOCUS, NA, QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
 use super::{FREE, FieldOptions, evenly, median, output};
@@ -27,20 +29,20 @@ pub struct FieldParticle {
     pub chi2: f64,
     /// Explained part of the images' variance, with values of its own.
     pub r2: f64,
-    /// The same with the laws of the field; only position, focus, light and background are its own.
-    pub chi2_of_laws: f64,
-    /// See `chi2_of_laws`.
-    pub r2_of_laws: f64,
-    /// Stage position in focus with the laws for everything else, um.
-    pub focus_of_laws_um: f64,
+    /// The same with the optics of the field; only position, focus, light and background are its own.
+    pub chi2_of_field: f64,
+    /// See `chi2_of_field`.
+    pub r2_of_field: f64,
+    /// Stage position in focus with the optics of the field for everything else, um.
+    pub focus_of_field_um: f64,
     /// Mean light, counts.
     pub light: f64,
     /// Values of its own, by quantity.
     pub measured: Vec<f64>,
     /// Their standard deviations.
     pub sd: Vec<f64>,
-    /// Values of the laws.
-    pub law: Vec<f64>,
+    /// Values of the field dependence at its place.
+    pub of_field: Vec<f64>,
 }
 
 /// The images of a particle at some planes, for a report.
@@ -61,7 +63,7 @@ pub struct PlaneImages {
     pub stage_um: f64,
     /// Counts above the background.
     pub data: Vec<f32>,
-    /// The same by the laws of the field.
+    /// The same by the field dependence.
     pub model: Vec<f32>,
     /// Data less model in standard deviations of the noise.
     pub residual: Vec<f32>,
@@ -70,7 +72,7 @@ pub struct PlaneImages {
 /// The result of a fit of a whole field.
 #[derive(Debug, Clone, Serialize)]
 pub struct FieldFit {
-    /// Coefficients of the laws.
+    /// Coefficients of the field dependence.
     pub coefficients: Vec<Coefficient>,
     /// The optics as in a scenario.
     pub field: FieldOptics,
@@ -92,10 +94,10 @@ pub struct FieldFit {
     pub quantities: Vec<&'static str>,
     /// All particles, nearest to the center first.
     pub particles: Vec<FieldParticle>,
-    /// Mean over single particles, by the laws.
-    pub r2_of_laws: f64,
-    /// Median over single particles, by the laws, in units of the variance of one frame.
-    pub chi2_of_laws: f64,
+    /// Mean over single particles, by the field dependence.
+    pub r2_of_field: f64,
+    /// Median over single particles, by the field dependence, in units of the variance of one frame.
+    pub chi2_of_field: f64,
     /// What to know about the result.
     pub warnings: Vec<String>,
 }
@@ -110,6 +112,9 @@ pub struct FieldFiles {
     /// Names and contents of the files.
     pub files: Vec<(&'static str, Vec<u8>)>,
 }
+
+/// Transmissions at the rim of the pupil less that at its center that objectives may have.
+const PLAUSIBLE_TRANSMISSION: RangeInclusive<f64> = -0.6..=0.5;
 
 /// The parts of a result.
 pub(super) struct Outcome<'a> {
@@ -126,27 +131,27 @@ impl Outcome<'_> {
         &self,
         fits: &[Fit],
         is_single: &[bool],
-        laws: &Laws,
-        of_laws: &[Fit],
+        dependence: &FieldDependence,
+        of_field: &[Fit],
     ) -> Result<FieldFiles> {
         let Outcome { scan, options, frames, subjects, candidates, .. } = self;
         let repeats = frames.repeats.iter().sum::<usize>() as f64 / frames.repeats.len() as f64;
         let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
         let light: Vec<([f64; 2], f64)> =
-            singles.iter().map(|&k| (subjects[k].place_of(&fits[k].local), of_laws[k].light())).collect();
-        let mut laws = laws.clone();
+            singles.iter().map(|&k| (subjects[k].place_of(&fits[k].local), of_field[k].light())).collect();
+        let mut dependence = dependence.clone();
         if singles.len() >= FEWEST {
-            let (value, sd) = light_law(&light);
-            laws.coefficients.push(Coefficient { key: LIGHT, value, sd, unit: "1/mm^2" });
+            let (value, sd) = light_dependence(&light);
+            dependence.coefficients.push(Coefficient { key: LIGHT, value, sd, unit: "1/mm^2" });
         }
-        let (field, unresolved) = laws.field(options.direction);
+        let (field, unresolved) = dependence.field(options.direction);
         let quantities: Vec<&'static str> = FREE.iter().map(|q| QUANTITIES[*q].0).collect();
         let particles: Vec<FieldParticle> = (0..fits.len())
             .map(|k| {
                 let window = &subjects[k].window;
                 let local = &fits[k].local;
                 let place_mm = subjects[k].place_of(local);
-                let law = laws.at(place_mm, local);
+                let of_place = dependence.at(place_mm, local);
                 let covariance = fits[k].quadratic.matrix.inverse();
                 let sd = |i: usize| {
                     covariance.as_ref().map_or(f64::NAN, |c| libm::sqrt(fits[k].chi2() * c.at(i, i).max(0.0)))
@@ -158,19 +163,19 @@ impl Outcome<'_> {
                     is_single: is_single[k],
                     chi2: fits[k].chi2(),
                     r2: fits[k].r2(),
-                    chi2_of_laws: of_laws[k].chi2(),
-                    r2_of_laws: of_laws[k].r2(),
-                    focus_of_laws_um: of_laws[k].local[FOCUS],
-                    light: of_laws[k].light(),
+                    chi2_of_field: of_field[k].chi2(),
+                    r2_of_field: of_field[k].r2(),
+                    focus_of_field_um: of_field[k].local[FOCUS],
+                    light: of_field[k].light(),
                     measured: FREE.iter().map(|q| local[*q]).collect(),
                     sd: (0..FREE.len()).map(sd).collect(),
-                    law: FREE.iter().map(|q| law[*q]).collect(),
+                    of_field: FREE.iter().map(|q| of_place[*q]).collect(),
                 }
             })
             .collect();
-        let mean_r2 = singles.iter().map(|&k| of_laws[k].r2()).sum::<f64>() / singles.len() as f64;
-        let chi2 = median(singles.iter().map(|&k| of_frame(of_laws[k].chi2(), repeats)).collect());
-        let mut warnings = self.warnings(fits.len(), singles.len());
+        let mean_r2 = singles.iter().map(|&k| of_field[k].r2()).sum::<f64>() / singles.len() as f64;
+        let chi2 = median(singles.iter().map(|&k| of_frame(of_field[k].chi2(), repeats)).collect());
+        let mut warnings = self.warnings(fits.len(), singles.len(), dependence.transmission());
         if !unresolved.is_empty() {
             warnings.push(format!(
                 "not resolved (the 95 % interval contains 0), and therefore 0 in scenario.ron: {}",
@@ -188,31 +193,31 @@ impl Outcome<'_> {
         }
         let noise = frames.noise;
         let stage = |f: fn(f64, f64) -> f64, start: f64| {
-            frames.stage_um.iter().map(|s| options.direction * (s - laws.focus_um())).fold(start, f)
+            frames.stage_um.iter().map(|s| options.direction * (s - dependence.focus_um())).fold(start, f)
         };
         let fitted = FieldFit {
             field,
-            numerical_aperture: laws.numerical_aperture(),
-            blur_um: laws.blur_um(),
-            focus_um: laws.focus_um(),
+            numerical_aperture: dependence.numerical_aperture(),
+            blur_um: dependence.blur_um(),
+            focus_um: dependence.focus_um(),
             depths_um: [stage(f64::min, f64::INFINITY), stage(f64::max, f64::NEG_INFINITY)],
             noise: [noise.background2, noise.per_count, noise.per_count2],
             is_noise_measured: frames.is_noise_measured,
             background: frames.background,
             quantities,
             particles,
-            r2_of_laws: mean_r2,
-            chi2_of_laws: chi2,
+            r2_of_field: mean_r2,
+            chi2_of_field: chi2,
             warnings,
-            coefficients: laws.coefficients.clone(),
+            coefficients: dependence.coefficients.clone(),
         };
         let shown = center_to_corner(&fitted.particles);
-        let images = shown.into_iter().map(|k| images(k, &subjects[k], &of_laws[k])).collect();
+        let images = shown.into_iter().map(|k| images(k, &subjects[k], &of_field[k])).collect();
         let files = output::Files {
             fitted: &fitted,
             options,
-            spherical: laws.spherical(),
-            transmission: laws.transmission(),
+            spherical: dependence.spherical(),
+            transmission: dependence.transmission(),
             size_px: [scan.width, scan.height],
             light: brightness(&light, fitted.field.light_per_mm2),
             particles: candidates.len(),
@@ -228,7 +233,7 @@ impl Outcome<'_> {
         Ok(FieldFiles { fitted, images, files: written })
     }
 
-    fn warnings(&self, particles: usize, singles: usize) -> Vec<String> {
+    fn warnings(&self, particles: usize, singles: usize, transmission: f64) -> Vec<String> {
         let mut warnings = self.scan.warnings.clone();
         if !self.frames.is_noise_measured {
             warnings.push(
@@ -246,8 +251,16 @@ impl Outcome<'_> {
         }
         if singles < FEWEST {
             warnings.push(format!(
-                "{singles} single particles: their optics are taken as the same over the field; its laws need at least {FEWEST}, \
+                "{singles} single particles: their optics are taken as the same over the field; its dependence on the place needs at least {FEWEST}, \
                  spread over the field (a smaller --window may find more)"
+            ));
+        }
+        if !PLAUSIBLE_TRANSMISSION.contains(&transmission) {
+            warnings.push(format!(
+                "the transmission at the rim of the pupil is {:.2} times that at its center, which no objective has: the fit is \
+                 probably wrong, depths included (a short range of depths, windows of the wrong size, or a wrong diameter, \
+                 wavelength or emission)",
+                1.0 + transmission
             ));
         }
         if self.found > particles {
@@ -279,7 +292,7 @@ fn brightness(light: &[([f64; 2], f64)], light_per_mm2: f64) -> (f64, f64) {
 
 /// Relative change of light per squared distance from the center, and its standard deviation: a straight line
 /// through the light of particles, without those far off.
-fn light_law(light: &[([f64; 2], f64)]) -> (f64, f64) {
+fn light_dependence(light: &[([f64; 2], f64)]) -> (f64, f64) {
     let middle = median(light.iter().map(|(_, light)| *light).collect());
     let points: Vec<(f64, f64)> = light
         .iter()

@@ -112,12 +112,13 @@ fn significant(value: f64) -> f64 {
 }
 
 /// The particles as CSV: place, misfit, and each quantity as measured, with its standard deviation and by the
-/// laws.
+/// field dependence.
 pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
     let mut text =
-        "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_laws,r2_of_laws,focus_um_of_laws,light_counts".to_owned();
+        "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_field,r2_of_field,focus_um_of_field,light_counts"
+            .to_owned();
     for name in &fitted.quantities {
-        text += &format!(",{name},{name}_sd,{name}_law");
+        text += &format!(",{name},{name}_sd,{name}_field");
     }
     text.push('\n');
     for p in &fitted.particles {
@@ -129,13 +130,13 @@ pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
             if p.is_single { "yes" } else { "no" },
             p.chi2,
             p.r2,
-            p.chi2_of_laws,
-            p.r2_of_laws,
-            p.focus_of_laws_um,
+            p.chi2_of_field,
+            p.r2_of_field,
+            p.focus_of_field_um,
             p.light
         );
-        for ((measured, sd), law) in p.measured.iter().zip(&p.sd).zip(&p.law) {
-            text += &format!(",{measured:.5},{sd:.5},{law:.5}");
+        for ((measured, sd), of_field) in p.measured.iter().zip(&p.sd).zip(&p.of_field) {
+            text += &format!(",{measured:.5},{sd:.5},{of_field:.5}");
         }
         text.push('\n');
     }

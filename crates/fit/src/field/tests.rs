@@ -125,7 +125,7 @@ fn the_optics_of_a_known_field_are_found() {
     let made = fit_field(&scan, &options(places_px), &|_| ()).unwrap();
     let fitted = &made.fitted;
     assert!(fitted.particles.iter().all(|particle| particle.is_single), "{:?}", fitted.particles);
-    assert!(fitted.r2_of_laws > 0.999, "{}", fitted.r2_of_laws);
+    assert!(fitted.r2_of_field > 0.999, "{}", fitted.r2_of_field);
     for (key, expected, allowed) in TRUTH {
         let found = fitted.coefficients.iter().find(|c| c.key == key).unwrap();
         assert!((found.value - expected).abs() < allowed, "{found:?}, not {expected}");
@@ -151,8 +151,8 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
         background: 100.2,
         quantities: Vec::new(),
         particles: Vec::new(),
-        r2_of_laws: 0.99,
-        chi2_of_laws: 1.4,
+        r2_of_field: 0.99,
+        chi2_of_field: 1.4,
         warnings: Vec::new(),
     };
     let files = output::Files {

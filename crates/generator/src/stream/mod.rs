@@ -9,16 +9,16 @@
 //! same seed.
 
 mod batch;
+mod distribution;
 mod labels;
-mod law;
 mod sampler;
 mod window;
 
 use std::path::PathBuf;
 
 pub use batch::Batch;
+pub use distribution::{Distribution, Drawn};
 pub use labels::{Flow, LabelOptions, PARTICLE_COLUMNS, Sample};
-pub use law::{Drawn, Law};
 use microsig_core::sensor::ImageFormat;
 use sampler::Sampler;
 use scenario::{Scenario, load_text};
@@ -46,7 +46,7 @@ pub struct StreamOptions {
     /// Values that are the same in all samples, `path=value`.
     pub assignments: Vec<String>,
     /// The keys that vary and their distributions.
-    pub vary: Vec<(String, Law)>,
+    pub vary: Vec<(String, Distribution)>,
     /// Seed of the stream.
     pub seed: u64,
     /// The part of the samples.
@@ -86,8 +86,8 @@ impl SampleStream {
         if let Some(twice) = paths.windows(2).find(|two| two[0] == two[1]) {
             return Err(Error::input(format!("vary {}: given twice", twice[0])));
         }
-        for (path, law) in &options.vary {
-            law.check(path)?;
+        for (path, distribution) in &options.vary {
+            distribution.check(path)?;
             if path == "seed" {
                 return Err(Error::input("vary seed: every sample already has its own seed"));
             }
@@ -123,8 +123,8 @@ impl SampleStream {
             )));
         }
         stream.options.labels.check(&base, stream.options.frames)?;
-        for (path, law) in &stream.options.vary {
-            for end in law.ends() {
+        for (path, distribution) in &stream.options.vary {
+            for end in distribution.ends() {
                 let found = stream.with(0, Some((path, &end)))?;
                 let size_px = (found.settings.pixel_dim_x, found.settings.pixel_dim_y);
                 if size_px != stream.image_px {
@@ -161,7 +161,11 @@ impl SampleStream {
     /// The varied values of a sample, by path.
     pub fn values(&self, index: u64) -> Vec<(&str, Drawn)> {
         let seed = self.seed_of(index);
-        self.options.vary.iter().map(|(path, law)| (path.as_str(), law.draw(seed, path))).collect()
+        self.options
+            .vary
+            .iter()
+            .map(|(path, distribution)| (path.as_str(), distribution.draw(seed, path)))
+            .collect()
     }
 
     /// The window of a sample in the images of its scenario; `None` if it covers them entirely.

@@ -10,8 +10,8 @@ use microsig_core::sensor::{Light, Sensor};
 use microsig_core::stream::Purpose;
 
 use super::StreamOptions;
+use super::distribution::Drawn;
 use super::labels::{FirstFrame, FlowField, Sample, frame_labels};
-use super::law::Drawn;
 use crate::dataset::truth::Viewer;
 use crate::runner::Frames;
 use scenario::Scenario;

@@ -1,7 +1,7 @@
 //! Windows of images at random positions: samples smaller than the images of the scenario.
 
+use super::distribution::Distribution;
 use super::labels::Sample;
-use super::law::Law;
 
 /// A part of an image, in pixels counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,8 +21,8 @@ impl Window {
     /// a sample; all positions are equally likely.
     pub(super) fn draw(seed: u64, (width, height): (u32, u32), image: (u32, u32)) -> Self {
         let place = |path, room: u32| {
-            let law = Law::Integers { low: 0, high: i64::from(room) };
-            law.draw(seed, path).number.map_or(0, |number| number as usize)
+            let distribution = Distribution::Integers { low: 0, high: i64::from(room) };
+            distribution.draw(seed, path).number.map_or(0, |number| number as usize)
         };
         Window {
             left: place("window.left", image.0.saturating_sub(width)),

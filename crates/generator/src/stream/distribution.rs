@@ -6,7 +6,7 @@ use storage::error::{Error, Result};
 
 /// Distribution of a value.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Law {
+pub enum Distribution {
     /// Uniform between two numbers.
     Uniform {
         /// Smallest value.
@@ -56,7 +56,7 @@ impl Drawn {
     }
 }
 
-impl Law {
+impl Distribution {
     /// Checks the bounds; `path` is the key that varies.
     ///
     /// # Errors
@@ -64,14 +64,16 @@ impl Law {
     pub fn check(&self, path: &str) -> Result<()> {
         let refuse = |allowed: &str| Err(Error::input(format!("vary {path}: expected {allowed}")));
         match self {
-            Law::Uniform { low, high } if !(low <= high && low.is_finite() && high.is_finite()) => {
+            Distribution::Uniform { low, high } if !(low <= high && low.is_finite() && high.is_finite()) => {
                 refuse("two finite numbers, the lower one first")
             }
-            Law::LogUniform { low, high } if !(*low > 0.0 && low <= high && high.is_finite()) => {
+            Distribution::LogUniform { low, high } if !(*low > 0.0 && low <= high && high.is_finite()) => {
                 refuse("two positive numbers, the lower one first")
             }
-            Law::Integers { low, high } if low > high => refuse("two whole numbers, the lower one first"),
-            Law::Choice(values) if values.is_empty() => refuse("at least one value"),
+            Distribution::Integers { low, high } if low > high => {
+                refuse("two whole numbers, the lower one first")
+            }
+            Distribution::Choice(values) if values.is_empty() => refuse("at least one value"),
             _ => Ok(()),
         }
     }
@@ -79,11 +81,11 @@ impl Law {
     /// The values at the ends of the range, or all choices: if these are valid, all values are.
     pub fn ends(&self) -> Vec<Drawn> {
         match self {
-            Law::Uniform { low, high } | Law::LogUniform { low, high } => {
+            Distribution::Uniform { low, high } | Distribution::LogUniform { low, high } => {
                 vec![Drawn::number(*low), Drawn::number(*high)]
             }
-            Law::Integers { low, high } => [low, high].map(|end| Drawn::integer(*end)).to_vec(),
-            Law::Choice(values) => values.iter().map(|value| Drawn::written(value)).collect(),
+            Distribution::Integers { low, high } => [low, high].map(|end| Drawn::integer(*end)).to_vec(),
+            Distribution::Choice(values) => values.iter().map(|value| Drawn::written(value)).collect(),
         }
     }
 
@@ -95,15 +97,17 @@ impl Law {
         let share = stream.uniform();
         let of = |n: u64| ((share * n as f64) as u64).min(n - 1);
         match self {
-            Law::Uniform { low, high } => Drawn::number((low + (high - low) * share).clamp(*low, *high)),
-            Law::LogUniform { low, high } => {
+            Distribution::Uniform { low, high } => {
+                Drawn::number((low + (high - low) * share).clamp(*low, *high))
+            }
+            Distribution::LogUniform { low, high } => {
                 let value = low * libm::exp(share * libm::log(high / low));
                 Drawn::number(value.clamp(*low, *high))
             }
-            Law::Integers { low, high } => {
+            Distribution::Integers { low, high } => {
                 Drawn::integer(low.wrapping_add(of(high.abs_diff(*low).saturating_add(1)) as i64))
             }
-            Law::Choice(values) => Drawn::written(&values[of(values.len() as u64) as usize]),
+            Distribution::Choice(values) => Drawn::written(&values[of(values.len() as u64) as usize]),
         }
     }
 }
@@ -124,11 +128,12 @@ mod tests {
         let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut counts = [0; 4];
         for seed in 0..4000 {
-            let number = |law: Law, path: &str| law.draw(seed, path).number.unwrap();
-            let value = number(Law::Uniform { low: -2.0, high: 6.0 }, "a.b");
+            let number =
+                |distribution: Distribution, path: &str| distribution.draw(seed, path).number.unwrap();
+            let value = number(Distribution::Uniform { low: -2.0, high: 6.0 }, "a.b");
             (least, most) = (least.min(value), most.max(value));
-            counts[number(Law::Integers { low: 3, high: 6 }, "n") as usize - 3] += 1;
-            let value = number(Law::LogUniform { low: 0.1, high: 10.0 }, "x");
+            counts[number(Distribution::Integers { low: 3, high: 6 }, "n") as usize - 3] += 1;
+            let value = number(Distribution::LogUniform { low: 0.1, high: 10.0 }, "x");
             assert!((0.1..=10.0).contains(&value));
         }
         assert!((-2.0..-1.9).contains(&least) && (5.9..=6.0).contains(&most), "{least} {most}");
@@ -137,14 +142,20 @@ mod tests {
 
     #[test]
     fn what_is_drawn_depends_on_the_path_and_reads_back() {
-        let law = Law::Uniform { low: 0.0, high: 1.0 };
-        assert_ne!(law.draw(1, "a"), law.draw(1, "b"));
-        assert_eq!(law.draw(1, "a"), law.draw(1, "a"));
-        let drawn = law.draw(1, "a");
+        let distribution = Distribution::Uniform { low: 0.0, high: 1.0 };
+        assert_ne!(distribution.draw(1, "a"), distribution.draw(1, "b"));
+        assert_eq!(distribution.draw(1, "a"), distribution.draw(1, "a"));
+        let drawn = distribution.draw(1, "a");
         assert_eq!(drawn.text.parse::<f64>().ok(), drawn.number);
-        let any = Law::Integers { low: i64::MIN, high: i64::MAX }.draw(1, "a").text;
+        let any = Distribution::Integers { low: i64::MIN, high: i64::MAX }.draw(1, "a").text;
         assert!(any.parse::<i64>().is_ok(), "{any}");
-        assert!(Law::Choice(Vec::new()).check("a").is_err());
-        assert!(Law::Uniform { low: 2.0, high: 1.0 }.check("a").unwrap_err().to_string().contains("vary a"));
+        assert!(Distribution::Choice(Vec::new()).check("a").is_err());
+        assert!(
+            Distribution::Uniform { low: 2.0, high: 1.0 }
+                .check("a")
+                .unwrap_err()
+                .to_string()
+                .contains("vary a")
+        );
     }
 }

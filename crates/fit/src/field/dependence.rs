@@ -1,4 +1,4 @@
-//! The laws of the field: regression of what single particles say on their places.
+//! Field dependence of the optics: regression of the values of single particles on their places.
 //!
 //! Each particle gives values with a covariance; particles scatter more than that, since no model is exact.
 //! The regression weighs them by the sum of both, gives less weight to those far off (Huber), and takes
@@ -12,7 +12,7 @@ use super::local::{
 };
 use crate::linear::Symmetric;
 
-/// A coefficient of a law.
+/// A term of the field dependence.
 struct Term {
     key: &'static str,
     unit: &'static str,
@@ -92,9 +92,9 @@ pub(super) struct Evidence {
     pub(super) covariance: Symmetric,
 }
 
-/// The laws of a field.
+/// How optics depend on the place in the field.
 #[derive(Debug, Clone)]
-pub(super) struct Laws {
+pub(super) struct FieldDependence {
     pub(super) coefficients: Vec<Coefficient>,
 }
 
@@ -104,12 +104,12 @@ const ITERATIONS: usize = 8;
 /// Distance, in standard deviations, beyond which the weight of a particle falls.
 const FAR: f64 = 2.0;
 
-/// Fewest particles whose places determine laws; optics of fewer are taken as the same over the field.
+/// Fewest particles that determine the field dependence; optics of fewer are taken as the same over the field.
 pub(super) const FEWEST: usize = 8;
 
-impl Laws {
-    /// The laws that the particles follow; `None` if they do not determine them.
-    pub(super) fn of(evidence: &[Evidence]) -> Option<Laws> {
+impl FieldDependence {
+    /// The field dependence that the particles show; `None` if they do not determine it.
+    pub(super) fn of(evidence: &[Evidence]) -> Option<FieldDependence> {
         let is_constant = |term: &&Term| (term.effect)([0.0; 2]).iter().any(|(_, by)| *by != 0.0);
         let terms: Vec<&Term> =
             TERMS.iter().filter(|term| evidence.len() >= FEWEST || is_constant(term)).collect();
@@ -189,7 +189,7 @@ impl Laws {
         let coefficients = terms.iter().zip(solution.iter().zip(&deviation)).map(|(term, (value, sd))| {
             Coefficient { key: term.key, value: *value, sd: *sd, unit: term.unit }
         });
-        Some(Laws { coefficients: coefficients.collect() })
+        Some(FieldDependence { coefficients: coefficients.collect() })
     }
 
     fn value(&self, key: &str) -> f64 {
@@ -336,7 +336,7 @@ fn regress(
         }
     }
     let count = designs.len() as f64;
-    // Each law has up to four coefficients.
+    // Each quantity has up to four coefficients.
     let freedom = count / (count - 4.0).max(1.0);
     let sds = (0..m)
         .map(|j| {
@@ -351,9 +351,9 @@ fn regress(
 mod tests {
     use super::*;
 
-    /// Places on a grid whose values follow laws, with small errors and two particles far off.
+    /// Places on a grid with a known field dependence, small errors and two particles far off.
     #[test]
-    fn laws_are_found_despite_outliers() {
+    fn the_field_dependence_is_found_despite_outliers() {
         let mut evidence = Vec::new();
         let mut state = 7u64;
         let mut noise = || {
@@ -377,7 +377,7 @@ mod tests {
             (0..COUNT).for_each(|q| covariance.add(q, q, 1e-8));
             evidence.push(Evidence { place: [x, y], local, free: (0..COUNT).collect(), covariance });
         }
-        let laws = Laws::of(&evidence).unwrap();
+        let dependence = FieldDependence::of(&evidence).unwrap();
         for (key, expected) in [
             ("focus_um", -1.5),
             ("focus.tilt_um_per_mm.1", 3.8),
@@ -388,18 +388,18 @@ mod tests {
             ("coma.per_mm", -0.127),
             ("blur_um", 0.87),
         ] {
-            let found = laws.coefficients.iter().find(|c| c.key == key).unwrap();
+            let found = dependence.coefficients.iter().find(|c| c.key == key).unwrap();
             assert!((found.value - expected).abs() < 4.0 * found.sd.max(1e-4), "{found:?}, not {expected}");
             assert!(found.sd < 0.03 * (1.0 + expected.abs()), "{found:?}");
         }
-        let few = Laws::of(&evidence[..2]).unwrap();
+        let few = FieldDependence::of(&evidence[..2]).unwrap();
         assert_eq!(
             (few.value("coma.per_mm"), few.coefficients.len()),
             (0.0, 11),
             "optics of few are constant"
         );
         assert!((few.value("numerical_aperture") - 0.44).abs() < 1e-3, "{few:?}");
-        let (field, _) = laws.field(-1.0);
+        let (field, _) = dependence.field(-1.0);
         assert!((field.focus.curvature_um_per_mm2 + 5.2).abs() < 0.3, "{field:?}");
     }
 }
