@@ -26,7 +26,7 @@ def _settings(settings: Settings) -> tuple[str, str]:
     """Text of a settings file, and its name in messages."""
     if isinstance(settings, Mapping):
         return "".join(f"{name} = {value}\n" for name, value in settings.items()), "settings"
-    if isinstance(settings, str) and ("\n" in settings or "=" in settings):
+    if isinstance(settings, str) and ("\n" in settings or ("=" in settings and not os.path.exists(settings))):
         return settings, "settings"
     path = Path(settings)
     return _microsig.read_settings(path), str(path)
@@ -40,7 +40,7 @@ def _particles(particles: Any) -> NDArray[np.float64]:
     if columns is not None:
         names = {str(name) for name in columns}
         # The truth of spheres has these columns too; a spheroid of aspect ratio 1 emits according to a
-        # different law than a sphere.
+        # different law from a sphere.
         spheroids = {"e_p", "alpha_rad", "beta_rad"} <= names and bool(np.any(np.asarray(particles["e_p"]) != 1))
         used = [c for c in _COLUMNS[:4]]
         used += [c for c in _COLUMNS[4:7] if spheroids]

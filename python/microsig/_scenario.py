@@ -41,7 +41,7 @@ def _value(value: Any) -> str:
 
 def _is_text(scenario: str) -> bool:
     """Whether a string is a scenario itself rather than the path of one."""
-    return "\n" in scenario or scenario.lstrip().startswith(("(", "{", "//", "#!["))
+    return "\n" in scenario or (scenario.lstrip().startswith(("(", "{", "//", "#![")) and not os.path.exists(scenario))
 
 
 @functools.cache

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray
 
 #: Columns that are pixel coordinates.
-_PIXELS = ("x_px", "y_px")
+_PIXELS = ("x_px", "y_px", "place_x_px", "place_y_px")
 
 
 class Table(dict[str, NDArray[Any]]):
@@ -84,7 +84,7 @@ class Table(dict[str, NDArray[Any]]):
 
     @property
     def first_pixel(self) -> float:
-        """Coordinate of the first pixel's center in ``x_px`` and ``y_px``: 1 as on disk, or as set by :meth:`origin`."""
+        """Coordinate of the first pixel's center in ``x_px``, ``y_px`` and places of stacks: 1 as on disk, or as set by :meth:`origin`."""
         return self._first_pixel
 
     def __len__(self) -> int:

@@ -117,7 +117,7 @@ class Fit:
         return f"<pre>{escape(self._text)}</pre>"
 
 
-def _scan(scan: Any, folder: Path, um_per_px: float, z: Any) -> tuple[Path, Path | None]:
+def _scan(scan: Any, folder: Path, um_per_px: float, z: Any, z_step_um: Any) -> tuple[Path, Path | None]:
     """A scan as files: images and, unless they have them, stage positions."""
     if isinstance(scan, Calibration):
         if scan.d_um is not None and len(np.unique(scan.d_um)) > 1:
@@ -127,7 +127,10 @@ def _scan(scan: Any, folder: Path, um_per_px: float, z: Any) -> tuple[Path, Path
         path = Path(scan)
     else:
         images = _images("scan", scan)
+        if z is None and z_step_um is None:
+            raise ValueError("scan: stage positions of an array are unknown; give z or z_step_um")
         if z is None or isinstance(z, (str, os.PathLike)):
+            # Not read: `z` or `z_step_um` is given to the fit.
             depths = np.arange(len(images), dtype=float)
         else:
             depths = np.asarray(z, dtype=float)
@@ -221,7 +224,7 @@ def fit(
     pixel_size_um = real("pixel_size_um", pixel_size_um)
     place = tempfile.TemporaryDirectory(prefix="microsig-")
     um_per_px = pixel_size_um / magnification if magnification > 0 else 1.0
-    images, positions = _scan(scan, Path(place.name), um_per_px, z)
+    images, positions = _scan(scan, Path(place.name), um_per_px, z, z_step_um)
     folder = Path(place.name) / "fit" if out is None else Path(out)
     if positions is not None and z_step_um is not None:
         raise ValueError("z and z_step_um: expected one of them")

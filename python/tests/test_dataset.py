@@ -76,7 +76,7 @@ def test_arrays_are_what_is_in_the_files(golden, tmp_path):
         assert made.dt_s == read.dt_s and made.bits == read.bits
 
 
-def test_a_scenario_is_a_path_a_text_or_a_dict(tmp_path):
+def test_a_scenario_is_a_path_a_text_or_a_dict(tmp_path, monkeypatch):
     path = tmp_path / "small.ron"
     path.write_text(SMALL)
     of_path = ms.generate(path, seed=3, set={"optics.background_noise": 20})
@@ -91,6 +91,11 @@ def test_a_scenario_is_a_path_a_text_or_a_dict(tmp_path):
     assert of_path.settings["background_noise"] == 20
     assert not np.array_equal(ms.generate(SMALL, seed=4).images, of_path.images)
     assert ms.resolve(of_path.scenario_text) == of_path.scenario
+    (tmp_path / "(old)").mkdir()
+    old = tmp_path / "(old)" / "gain=2.ron"
+    old.write_text(SMALL)
+    monkeypatch.chdir(tmp_path)
+    assert ms.resolve("(old)/gain=2.ron") == ms.resolve(SMALL)
 
 
 def test_images_are_not_copied_and_outlive_their_dataset():
@@ -116,6 +121,8 @@ def test_tables_have_columns_rows_and_another_origin():
     np.testing.assert_array_equal(tracks.origin(0)["x_px"], tracks["x_px"] - 1)
     np.testing.assert_array_equal(tracks.origin(0).origin(1)["y_px"], tracks["y_px"])
     np.testing.assert_array_equal(tracks.x_px, tracks["x_px"])
+    places = ms.Table({"x_px": [3.0], "place_x_px": [40.0], "z_um": [1.0]}).origin(0)
+    assert (places["x_px"][0], places["place_x_px"][0], places["z_um"][0]) == (2, 39, 1)
     assert "rows" in repr(tracks) and "<table>" in tracks._repr_html_()
     with pytest.raises(KeyError, match="it has"):
         tracks["x"]

@@ -79,6 +79,8 @@ def test_fit_takes_files_calibrations_and_arrays(dataset, tmp_path):
         of_scan["aperture"]
     with pytest.raises(ValueError, match="z_step_um"):
         fitted(dataset / "images")
+    with pytest.raises(ValueError, match="scan: stage positions of an array are unknown"):
+        fitted(scan.images)
     with pytest.raises(ValueError, match="magnification -1: expected a number > 0"):
         ms.fit(scan, magnification=-1, pixel_size_um=6.5)
     with pytest.raises(FileExistsError):

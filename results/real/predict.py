@@ -203,7 +203,7 @@ def bars(fitted, matches, um_per_px):
     middle = (single.x_px - single.x_mm * 1e3 / um_per_px).mean(), (single.y_px - single.y_mm * 1e3 / um_per_px).mean()
     far = near & (np.hypot(real.x_px - middle[0], real.y_px - middle[1]) * um_per_px > 300)
     return pd.DataFrame([
-        ("R2 of single particles by the field dependence, mean", single.r2_of_field.mean(), 0.990, np.inf),
+        ("R2 of single particles with the fitted field dependence, mean", single.r2_of_field.mean(), 0.990, np.inf),
         ("the same beyond 350 um", outer.r2_of_field.mean(), 0.988, np.inf),
         ("chi2 per pixel of one frame", report["chi2_of_field"], 0, 2.9),
         ("blur, um", report["blur_um"], 0.80, 0.92),
@@ -212,7 +212,7 @@ def bars(fitted, matches, um_per_px):
         ("curvature of the focus at 400 um, um", 0.16 * coefficient["focus.curvature_um_per_mm2"], 0.68, 0.98),
         ("tilt of the focus along y, um/mm", coefficient["focus.tilt_um_per_mm.1"], 3.6, 4.0),
         ("coma, waves/mm", coefficient["coma.per_mm"], -0.147, -0.107),
-        ("focus about its field dependence, rms, um", rms(single.focus_um_of_field - single.focus_um_field), 0, 0.12),
+        ("focus, rms residual from the field dependence, um", rms(single.refitted_focus_um - single.focus_um_field), 0, 0.12),
         ("single particles by mle, RMS error of z, um", rms(real.dz_um[near]), 0, 0.40),
         ("the same beyond 300 um", rms(real.dz_um[far]), 0, 0.45),
         ("the same, bias, um", real.dz_um[near].mean(), -0.15, 0.15),

@@ -189,6 +189,18 @@ fn exported_fields_score_perfectly() {
     assert!(refused(&[]).contains("has no true displacement field"));
 }
 
+/// Recordings have the names of their folders.
+#[test]
+fn xml_holds_any_name() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), "pairs", PAIRS);
+    let manifest = dataset.join("datapackage.json");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, text.replacen("\"name\": \"pairs\"", r#""name": "A & \"B\"""#, 1)).unwrap();
+    let xml = std::fs::read_to_string(exported(&dataset, "isbi", &[])).unwrap();
+    assert!(xml.contains("scenario=\"A &amp; &quot;B&quot;\""), "{}", &xml[..200]);
+}
+
 /// A stack of one file has the images of its dataset, and `fit` finds the z step in it: the same settings as
 /// from the folder of images and its table.
 #[test]

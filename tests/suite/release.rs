@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
+use dataset::manifest::Manifest;
+use microsig_core::formats::pages::Pages;
 use suite::leak::{Files, Known, guess_by_noise, guess_by_place, unzip};
 use suite::microsig::{fail, generate, path, run};
 
@@ -273,6 +275,24 @@ fn a_test_split_says_that_its_truth_is_withheld() {
         let message = fail(2, &arguments);
         assert!(message.contains("a test split, whose truth is withheld"), "{message}");
     }
+}
+
+#[test]
+fn the_images_of_a_test_split_are_shown_and_exported() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join("frames.ome.tif");
+    run(&["export", path(&c.test), "--format", "ome-tiff", "--out", path(&out)]);
+    run(&["view", path(&c.test), "--export", path(&place.path().join("page.html"))]);
+    let split = Manifest::read(&c.test).unwrap();
+    let images = split.resources.iter().filter(|file| file.path.starts_with("images/"));
+    let frames: Vec<Option<u32>> = images.map(|image| image.frame).collect();
+    assert_eq!(frames, (0..8).map(Some).collect::<Vec<_>>());
+    let reader = std::io::BufReader::new(std::fs::File::open(&out).unwrap());
+    let mut pages = Pages::open(reader, path(&out)).unwrap();
+    let description = pages.description().unwrap();
+    // Pairs have times of their own.
+    assert_eq!(description.matches("DeltaT=").count(), frames.len(), "{description}");
 }
 
 #[test]

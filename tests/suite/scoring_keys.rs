@@ -2,6 +2,7 @@
 
 use bench::report::parse_score;
 use scoring::evaluate::score_keys::{markdown, score_keys};
+use scoring::ranking::SCORES;
 
 use crate::scoring_hints::{scene, scores};
 
@@ -17,6 +18,15 @@ fn every_key_has_a_definition_and_stands_in_the_docs() {
     }
     let found = std::fs::read_to_string(path).unwrap();
     assert!(found == markdown(), "docs/score_keys.md is old, run this test with UPDATE_DOCS=1");
+}
+
+#[test]
+fn scores_of_tables_have_paths_of_keys() {
+    let keys: Vec<String> = score_keys().into_iter().map(|k| k.path).collect();
+    // Without a path: computed from several values.
+    let paths = SCORES.iter().map(|def| def.path).filter(|path| !path.is_empty());
+    let unknown: Vec<&str> = paths.filter(|path| !keys.iter().any(|key| key == path)).collect();
+    assert_eq!(unknown, [""; 0]);
 }
 
 #[test]

@@ -3,7 +3,9 @@
 //! Comments of fields are the descriptions of columns in the manifest: a change of them changes the bytes of
 //! datasets.
 
-use crate::table::table;
+use std::path::{Path, PathBuf};
+
+use crate::table::{Row, table};
 
 /// Name of the optional columns of [`TrackRow`] with the velocity gradient.
 pub const GRADIENT: &str = "gradient";
@@ -41,6 +43,16 @@ table! {
         n_visible: u64, "";
         /// factor on the light of this frame: energy of its pulse and bleaching
         energy: f64, "";
+    }
+}
+
+impl FrameRow {
+    /// Path of the table in a released test split, which has no `truth/`.
+    pub const RELEASED_PATH: &str = "frames.csv";
+
+    /// The table in a dataset or a released test split; `None` without one.
+    pub fn path_in(folder: &Path) -> Option<PathBuf> {
+        [Self::PATH, Self::RELEASED_PATH].map(|path| folder.join(path)).into_iter().find(|path| path.exists())
     }
 }
 

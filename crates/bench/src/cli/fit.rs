@@ -155,7 +155,7 @@ fn field_text(fitted: &FieldFit, out: &Path) -> String {
         text += &format!("  {key:<34} {value:>10.5} +- {:.5} {unit}\n", 1.96 * sd);
     }
     text += &format!(
-        "Images by these coefficients: R^2 {:.4}, chi^2 per pixel {:.2} (noise of one frame)\n{}: report.html, scenario.ron (twin), settings.txt, field.json, particles.csv",
+        "Images with these coefficients: R^2 {:.4}, chi^2 per pixel {:.2} (noise of one frame)\n{}: report.html, scenario.ron (twin), settings.txt, field.json, particles.csv",
         fitted.r2_of_field,
         fitted.chi2_of_field,
         out.display()

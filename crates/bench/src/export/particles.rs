@@ -3,6 +3,8 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use maud::Render;
+
 use super::ExportFormat;
 use dataset::RecordingFacts;
 use scoring::evaluate::truth::TrueParticles;
@@ -101,7 +103,8 @@ impl Spots {
 
     /// The challenge's XML as read by Icy and TrackMate; its `snr` and `density` are free text.
     fn isbi(&self, out: &mut String) -> std::fmt::Result {
-        let name = &self.facts.name;
+        // The name of a recording may have any characters.
+        let name = self.facts.name.render().into_string();
         writeln!(out, "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<root>")?;
         writeln!(out, "<TrackContestISBI2012 snr=\"unknown\" density=\"unknown\" scenario=\"{name}\">")?;
         for run in self.runs() {

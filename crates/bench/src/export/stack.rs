@@ -5,7 +5,7 @@ use std::io::{BufReader, Cursor};
 use std::path::Path;
 
 use dataset::manifest::{Manifest, TimingFacts};
-use dataset::{CalibrationRow, FrameRow, RecordingFacts, Row, read_rows};
+use dataset::{CalibrationRow, FrameRow, RecordingFacts, Row, TableReader, read_rows};
 use microsig_core::formats::stack::{Stack, StackAxis, StackFormat, equal_step};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::Image;
@@ -46,7 +46,7 @@ fn page(path: &Path, bits: u8) -> Result<Image> {
     Ok(Image { width, height, bits, counts })
 }
 
-/// Paths of the frames, and their times, which are unknown in test splits.
+/// Paths of the frames, and their times.
 fn frames(dataset: &Path, manifest: &Manifest) -> Result<(Vec<String>, StackAxis)> {
     let numbered = manifest.resources.iter().filter(|resource| resource.path.starts_with("images/"));
     let numbered: BTreeMap<u32, &str> =
@@ -55,9 +55,12 @@ fn frames(dataset: &Path, manifest: &Manifest) -> Result<(Vec<String>, StackAxis
     if images.is_empty() {
         return Err(Error::input(format!("{}: the manifest lists no frames", dataset.display())));
     }
-    let at_s = dataset.join(FrameRow::PATH).exists().then(|| {
-        let rows = read_rows::<FrameRow>(dataset, &["frame", "t_s"])?;
-        let times: BTreeMap<u32, f64> = rows.into_iter().map(|row| (row.frame, row.t_s)).collect();
+    let at_s = FrameRow::path_in(dataset).map(|path| {
+        let mut times = BTreeMap::new();
+        TableReader::open(&path)?.rows(&["frame", "t_s"], |_, row: FrameRow| {
+            times.insert(row.frame, row.t_s);
+            Ok(())
+        })?;
         let at = numbered.keys().map(|frame| times.get(frame).copied().unwrap_or(f64::NAN));
         Ok::<_, Error>(at.collect::<Vec<f64>>())
     });

@@ -33,7 +33,7 @@ const TIMING: [&str; 11] = [
 const COLUMNS: [&str; 5] = ["frame", "pair", "role", "t_s", "image"];
 
 /// Path of the table of frames in the public test split.
-pub(super) const FRAMES_PATH: &str = "frames.csv";
+pub(super) const FRAMES_PATH: &str = FrameRow::RELEASED_PATH;
 
 /// Packs the split. `train` is the public dataset, whose calibration stack serves all splits; `test` is the
 /// withheld dataset. With `nominal`, frames have their nominal times, without jitter.
@@ -60,7 +60,10 @@ pub(super) fn package(
     let tables = [calibration::table(&calibration_d_um, !calibration_places.is_empty())];
     let mut resources: Vec<Resource> = fingerprints
         .iter()
-        .map(|(path, fingerprint)| manifest::resource(path, fingerprint, &tables))
+        .map(|(path, fingerprint)| {
+            let frame = whole.resource(path).and_then(|image| image.frame);
+            Resource { frame, ..manifest::resource(path, fingerprint, &tables) }
+        })
         .collect();
     for table in resources.iter_mut().filter(|r| r.path == FRAMES_PATH) {
         table.profile = Some("tabular-data-resource".to_owned());

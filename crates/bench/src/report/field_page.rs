@@ -26,7 +26,7 @@ pub(crate) fn field_page(made: &FieldFiles, scan: &str, size_px: [usize; 2]) -> 
     let montage = montage(made)?;
     let body = html! {
         h1 { (title) }
-        p.soft { (singles) " single particles of " (fitted.particles.len()) "; their images by the field dependence: R2 "
+        p.soft { (singles) " single particles of " (fitted.particles.len()) "; their images with the fitted field dependence: R2 "
             (format!("{:.4}", fitted.r2_of_field)) ", chi2 per pixel " (format!("{:.2}", fitted.chi2_of_field)) " (noise of one frame)" }
         @for warning in &fitted.warnings { p.warning { (warning) } }
         h2 { "Field dependence" }
@@ -137,7 +137,7 @@ mod tests {
             r2: 0.99,
             chi2_of_field: 1.2,
             r2_of_field: 0.98,
-            focus_of_field_um: -1.6,
+            refitted_focus_um: -1.6,
             light: 1e5,
             measured: vec![x_px, 0.44],
             sd: vec![0.1, 0.01],

@@ -35,6 +35,9 @@ const OF_ONE: [&str; 5] = ["p50", "p95", "median", "min_distance", "max_distance
 /// Keys that are not results: rules, counts, edges of bins.
 const EXACT: [&str; 6] = ["definitions", "counts", "from", "to", "z_over_h", "wavelength_px"];
 
+/// Rules among the results. The gate of reference nodes is none of them: it follows from the true field.
+const RULES: [&str; 3] = ["gate_xy_px", "gate_z_um", "plane_um"];
+
 /// Writes `score.json`, and `report.html` if asked for, into the folder `for_team`; returns their names.
 pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let folder = folder.join(FOLDER);
@@ -209,7 +212,7 @@ impl Rounding {
             return Value::Null;
         }
         match value {
-            Value::Number(number) if number.is_f64() => {
+            Value::Number(number) if number.is_f64() && !RULES.contains(&key) => {
                 let exact = number.as_f64().unwrap_or_default();
                 let step = if EXACT.contains(&key) { 0.0 } else { self.step(key, exact) };
                 Number::from_f64(rounded(exact, step)).map_or(Value::Null, Value::Number)
@@ -355,6 +358,7 @@ mod tests {
         assert_eq!(of("mota", -1234.56), -1230.0);
         assert!(rounding.of("p95_xy_px", 1.5.into()).is_null());
         assert_eq!(of("from", 0.123_456), 0.123);
+        assert_eq!((of("gate_z_um", 4.0251), of("gate_px", 0.6184)), (4.0251, 0.62));
         for (exact, least, expected) in
             [(0.0, 0.1, 0.0), (0.26, 0.03, 0.25), (123.4, 30.0, 100.0), (-0.004, 0.01, 0.0), (5.0, 1e-9, 5.0)]
         {

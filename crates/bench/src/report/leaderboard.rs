@@ -1,7 +1,7 @@
 //! Entries of a leaderboard: ranking criteria, and the table for terminals and CSV.
 
 use std::cmp::Ordering;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use serde::Serialize;
@@ -196,12 +196,23 @@ impl Entry {
 
     /// The parameter values on one line.
     pub(super) fn case(&self) -> String {
-        let values = self.axes.iter().map(|(axis, value)| {
-            let name = axis.rsplit('.').next().unwrap_or(axis);
-            format!("{name} {}", axis_text(value))
-        });
+        let keys: BTreeSet<&str> = self.axes.keys().map(String::as_str).collect();
+        let values =
+            self.axes.iter().map(|(axis, value)| format!("{} {}", short_key(axis, &keys), axis_text(value)));
         values.collect::<Vec<_>>().join(", ")
     }
+}
+
+/// The shortest end of a key's path that distinguishes it from other keys.
+pub(super) fn short_key<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
+    let ends = key.rmatch_indices('.').map(|(at, _)| &key[at + 1..]);
+    let is_own = |end: &&str| {
+        all.iter()
+            .filter(|other| other.strip_suffix(*end).is_some_and(|a| a.is_empty() || a.ends_with('.')))
+            .count()
+            < 2
+    };
+    ends.into_iter().find(is_own).unwrap_or(key)
 }
 
 /// A parameter value as text; in scores every number is a float, even for integer keys.
@@ -478,6 +489,14 @@ mod tests {
         let ranked = ranked(vec![entry("flat", 2, 0.99), entry("deep", 3, 0.6), entry("deeper", 3, 0.7)]);
         let found: Vec<(&str, usize)> = ranked.iter().map(|(e, _)| (e.name.as_str(), e.rank)).collect();
         assert_eq!(found, [("deeper", 1), ("deep", 2), ("flat", 1)]);
+    }
+
+    #[test]
+    fn keys_with_the_same_end_are_told_apart() {
+        let axes =
+            ["particles.number.count", "timing.pairs.count", "seed"].map(|key| (key.to_owned(), json!(5)));
+        let entry = Entry { axes: axes.into(), ..Entry::default() };
+        assert_eq!(entry.case(), "number.count 5, seed 5, pairs.count 5");
     }
 
     #[test]

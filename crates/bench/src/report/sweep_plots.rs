@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use maud::{Markup, html};
 
 use super::figure::{figure_by_group, names};
-use super::leaderboard::{Entry, axis_text, order_of_axes};
+use super::leaderboard::{Entry, axis_text, order_of_axes, short_key};
 use super::log_axis::is_logarithmic;
 use super::plots::{AxisLabels, Series, lines, lines_over_log};
 use scoring::evaluate::statistics::Errors;
@@ -106,25 +106,13 @@ fn lines_over<'a>(axis: &str, entries: &[&'a Entry], nth: usize) -> Vec<Line<'a>
     let of_line = |line: &[(f64, &'a Entry)]| {
         let (_, first) = line[0];
         let fixed = first.axes.iter().filter(|(other, _)| *other != axis);
-        let fixed = fixed.map(|(other, v)| format!("{} = {}", short(other, &keys), axis_text(v)));
+        let fixed = fixed.map(|(other, v)| format!("{} = {}", short_key(other, &keys), axis_text(v)));
         let fixed = fixed.collect::<Vec<_>>().join(", ");
         let points = line.chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq());
         let points = points.map(|same| (same[0].0, same.iter().map(|p| p.1).collect())).collect();
         Line { tracker: &first.tracker, fixed, points }
     };
     placed.chunk_by(same_line).map(of_line).collect()
-}
-
-/// The shortest end of a key's path that distinguishes it from other keys.
-fn short<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
-    let ends = key.rmatch_indices('.').map(|(at, _)| &key[at + 1..]);
-    let is_own = |end: &&str| {
-        all.iter()
-            .filter(|other| other.strip_suffix(*end).is_some_and(|a| a.is_empty() || a.ends_with('.')))
-            .count()
-            < 2
-    };
-    ends.into_iter().find(is_own).unwrap_or(key)
 }
 
 /// A score over an axis; `None` if no case has it.

@@ -207,7 +207,7 @@ fn optional(path: &Path) -> Result<Option<Indexed>> {
 
 /// Times of the frames, s; `None` without the table.
 fn times_s(folder: &Path, frames: usize) -> Option<Vec<f64>> {
-    let table = optional(&folder.join(FrameRow::PATH)).ok()??;
+    let table = Indexed::open(&FrameRow::path_in(folder)?).ok()?;
     let column = table.column("t_s")?;
     let times: Vec<f64> = table.all().ok()?.iter().map(|row| row[column]).collect();
     (times.len() == frames).then_some(times)

@@ -90,9 +90,11 @@ pub fn resource(path: &str, fingerprint: &Fingerprint, tables: &[Table]) -> Reso
     let extension = path.rsplit_once('.').map_or("", |(_, e)| e);
     let mediatype = match extension {
         "csv" => "text/csv",
-        "tif" => "image/tiff",
+        "tif" | "tiff" => "image/tiff",
         "png" => "image/png",
         "md" => "text/markdown",
+        "npy" => "application/octet-stream",
+        "zip" => "application/zip",
         _ => "text/plain",
     };
     let table = tables.iter().find(|t| t.path == path);
@@ -130,4 +132,22 @@ fn resource_name(path: &str) -> String {
             _ => '_',
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_have_the_media_types_of_their_extensions() {
+        for (path, expected) in [
+            ("inputs/velocities.npy", "application/octet-stream"),
+            ("small-test.zip", "application/zip"),
+            ("inputs/gain.tiff", "image/tiff"),
+            ("settings.txt", "text/plain"),
+            ("LICENSE", "text/plain"),
+        ] {
+            assert_eq!(resource(path, &Fingerprint::of(b""), &[]).mediatype, expected, "{path}");
+        }
+    }
 }

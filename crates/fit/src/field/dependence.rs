@@ -192,8 +192,12 @@ impl FieldDependence {
         Some(FieldDependence { coefficients: coefficients.collect() })
     }
 
+    pub(super) fn coefficient(&self, key: &str) -> Option<&Coefficient> {
+        self.coefficients.iter().find(|c| c.key == key)
+    }
+
     fn value(&self, key: &str) -> f64 {
-        self.coefficients.iter().find(|c| c.key == key).map_or(0.0, |c| c.value)
+        self.coefficient(key).map_or(0.0, |c| c.value)
     }
 
     /// The quantities at a place (mm); the position as in `like`.
@@ -236,7 +240,7 @@ impl FieldDependence {
     /// lens: `direction` is +1 if stage positions do.
     pub(super) fn field(&self, direction: f64) -> (FieldOptics, Vec<&'static str>) {
         let mut unresolved = Vec::new();
-        let mut of = |key: &str| match self.coefficients.iter().find(|c| c.key == key) {
+        let mut of = |key: &str| match self.coefficient(key) {
             Some(c) if c.is_resolved() => c.value,
             Some(c) => {
                 unresolved.push(c.key);

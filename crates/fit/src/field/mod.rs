@@ -118,7 +118,7 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     watch("field dependence: refinement");
     let refined = about_field(&subjects, &fits, &singles, |k| dependence.at(places[k], &fits[k].local))?;
     let dependence = FieldDependence::of(&evidence(&refined)).ok_or_else(undetermined)?;
-    watch("images by the field dependence");
+    watch("images with the fitted field dependence");
     let of_field: Vec<Fit> = (0..fits.len())
         .map(|k| {
             let start = dependence.at(places[k], &fits[k].local);

@@ -34,7 +34,7 @@ pub struct FieldParticle {
     /// See `chi2_of_field`.
     pub r2_of_field: f64,
     /// Stage position in focus with the optics of the field for everything else, um.
-    pub focus_of_field_um: f64,
+    pub refitted_focus_um: f64,
     /// Mean light, counts.
     pub light: f64,
     /// Values of its own, by quantity.
@@ -165,7 +165,7 @@ impl Outcome<'_> {
                     r2: fits[k].r2(),
                     chi2_of_field: of_field[k].chi2(),
                     r2_of_field: of_field[k].r2(),
-                    focus_of_field_um: of_field[k].local[FOCUS],
+                    refitted_focus_um: of_field[k].local[FOCUS],
                     light: of_field[k].light(),
                     measured: FREE.iter().map(|q| local[*q]).collect(),
                     sd: (0..FREE.len()).map(sd).collect(),
@@ -175,7 +175,7 @@ impl Outcome<'_> {
             .collect();
         let mean_r2 = singles.iter().map(|&k| of_field[k].r2()).sum::<f64>() / singles.len() as f64;
         let chi2 = median(singles.iter().map(|&k| of_frame(of_field[k].chi2(), repeats)).collect());
-        let mut warnings = self.warnings(fits.len(), singles.len(), dependence.transmission());
+        let mut warnings = self.warnings(fits.len(), singles.len(), dependence.coefficient("transmission"));
         if !unresolved.is_empty() {
             warnings.push(format!(
                 "not resolved (the 95 % interval contains 0), and therefore 0 in scenario.ron: {}",
@@ -233,7 +233,7 @@ impl Outcome<'_> {
         Ok(FieldFiles { fitted, images, files: written })
     }
 
-    fn warnings(&self, particles: usize, singles: usize, transmission: f64) -> Vec<String> {
+    fn warnings(&self, particles: usize, singles: usize, transmission: Option<&Coefficient>) -> Vec<String> {
         let mut warnings = self.scan.warnings.clone();
         if !self.frames.is_noise_measured {
             warnings.push(
@@ -251,18 +251,11 @@ impl Outcome<'_> {
         }
         if singles < FEWEST {
             warnings.push(format!(
-                "{singles} single particles: their optics are taken as the same over the field; its dependence on the place needs at least {FEWEST}, \
-                 spread over the field (a smaller --window may find more)"
+                "only {singles} single particles: the optics are taken as the same over the field; a fit of their field dependence \
+                 needs at least {FEWEST}, spread over the field (a smaller --window may find more)"
             ));
         }
-        if !PLAUSIBLE_TRANSMISSION.contains(&transmission) {
-            warnings.push(format!(
-                "the transmission at the rim of the pupil is {:.2} times that at its center, which no objective has: the fit is \
-                 probably wrong, depths included (a short range of depths, windows of the wrong size, or a wrong diameter, \
-                 wavelength or emission)",
-                1.0 + transmission
-            ));
-        }
+        warnings.extend(transmission.and_then(implausible));
         if self.found > particles {
             warnings.push(format!("{particles} of {} particles are used, spread over the field", self.found));
         }
@@ -273,6 +266,24 @@ impl Outcome<'_> {
         ));
         warnings
     }
+}
+
+/// A warning if the interval of the transmission at the rim of the pupil less that at its center is outside the
+/// range of real objectives.
+fn implausible(transmission: &Coefficient) -> Option<String> {
+    let Coefficient { value, sd, .. } = *transmission;
+    let (low, high) = (value - 1.96 * sd, value + 1.96 * sd);
+    let is_plausible = high >= *PLAUSIBLE_TRANSMISSION.start() && low <= *PLAUSIBLE_TRANSMISSION.end();
+    (!is_plausible).then(|| {
+        format!(
+            "the transmission at the rim of the pupil is {:.2} times that at its center, outside the range of real objectives \
+             ({:.1} to {:.1}): the fit is probably wrong, depths included (a short range of depths, windows of the wrong size, or \
+             a wrong diameter, wavelength or emission)",
+            1.0 + value,
+            1.0 + PLAUSIBLE_TRANSMISSION.start(),
+            1.0 + PLAUSIBLE_TRANSMISSION.end()
+        )
+    })
 }
 
 /// Chi-squared of single frames, from that of means of `repeats` frames: their residuals share the errors of
@@ -348,4 +359,20 @@ fn images(particle: usize, subject: &Subject, fit: &Fit) -> FieldImages {
         images
     });
     FieldImages { particle, edge, planes: planes.collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_transmission_that_no_objective_has_is_named() {
+        let warning =
+            |value: f64, sd: f64| implausible(&Coefficient { key: "transmission", value, sd, unit: "" });
+        assert!(warning(1.2, 0.1).unwrap().contains("is 2.20 times"));
+        assert!(warning(-0.8, 0.05).is_some());
+        for (value, sd) in [(-0.1, 0.02), (0.6, 1.0), (-0.65, 0.1)] {
+            assert_eq!(warning(value, sd), None);
+        }
+    }
 }

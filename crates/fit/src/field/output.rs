@@ -115,7 +115,7 @@ fn significant(value: f64) -> f64 {
 /// field dependence.
 pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
     let mut text =
-        "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_field,r2_of_field,focus_um_of_field,light_counts"
+        "x_px,y_px,x_mm,y_mm,single,chi2,r2,chi2_of_field,r2_of_field,refitted_focus_um,light_counts"
             .to_owned();
     for name in &fitted.quantities {
         text += &format!(",{name},{name}_sd,{name}_field");
@@ -132,7 +132,7 @@ pub(super) fn table(fitted: &FieldFit) -> Vec<u8> {
             p.r2,
             p.chi2_of_field,
             p.r2_of_field,
-            p.focus_of_field_um,
+            p.refitted_focus_um,
             p.light
         );
         for ((measured, sd), of_field) in p.measured.iter().zip(&p.sd).zip(&p.of_field) {

@@ -1,5 +1,6 @@
 //! `microsig render`: images from MicroSIG's own settings file and data files.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -93,11 +94,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     }
     let particles = check(&files, &camera, &options.progress, &mut warnings)?;
 
-    let stem = |file: &PathBuf| match storage::is_standard(file) {
-        true => PathBuf::from("image"),
-        false => PathBuf::from(file.file_stem().unwrap_or_default()),
-    };
-    let image_names: Vec<PathBuf> = files.iter().map(|file| stem(file).with_added_extension("tif")).collect();
+    let image_names = image_names(&files)?;
     // A new folder gets its name when all images are in it; in an existing folder, images appear one by one.
     // The path is canonicalized because `.` and links have no name that could be locked.
     let canonical = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
@@ -158,6 +155,33 @@ fn announce(files: &[PathBuf], particles: usize, camera: &Camera, progress: &Pro
     })?;
     time.warning(files.len(), particles).iter().for_each(|text| progress.note(text));
     Ok(())
+}
+
+/// The names of the images of data files.
+///
+/// # Errors
+/// Two files whose names differ only in their extension.
+fn image_names(files: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut of_file: HashMap<PathBuf, &PathBuf> = HashMap::new();
+    files
+        .iter()
+        .map(|file| {
+            let stem = match storage::is_standard(file) {
+                true => PathBuf::from("image"),
+                false => PathBuf::from(file.file_stem().unwrap_or_default()),
+            };
+            let name = stem.with_added_extension("tif");
+            match of_file.insert(name.clone(), file) {
+                Some(other) => Err(Error::input(format!(
+                    "{} and {}: both would be the data file of {}; rename one of them",
+                    other.display(),
+                    file.display(),
+                    name.display()
+                ))),
+                None => Ok(name),
+            }
+        })
+        .collect()
 }
 
 fn open(path: &Path) -> Result<std::fs::File> {
@@ -266,4 +290,20 @@ fn check(
     }
     limit(found, warnings);
     Ok(particles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_files_of_one_image_are_refused() {
+        let names = |files: &[&str]| image_names(&files.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(
+            names(&["d/a.txt", "d/a.b.txt"]).unwrap(),
+            [PathBuf::from("a.tif"), PathBuf::from("a.b.tif")]
+        );
+        let message = names(&["d/a.txt", "d/a.TXT"]).unwrap_err().to_string();
+        assert!(message.contains("d/a.txt and d/a.TXT"), "{message}");
+    }
 }

@@ -160,7 +160,7 @@ pub enum Metric {
     LptCorrect,
     /// `lpt.ghost`: ghosts per true particle.
     LptGhost,
-    /// `lpt.motion.velocity_rms_um_s`: RMS error of velocity.
+    /// `lpt.velocity_rms_um_s`: RMS error of velocity.
     VelocityRmsUmS,
     /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids; missed spheroids and
     /// ghosts count as 90 degrees.

@@ -131,7 +131,7 @@ pub static SCORES: [ScoreDef; 24] = [
         s.lpt.as_ref().map(|l| (l.ghost, l.interval.ghost))
     }),
     def(
-        ("lpt.motion.velocity_rms_um_s", "velocity RMS", "um/s"),
+        ("lpt.velocity_rms_um_s", "velocity RMS", "um/s"),
         Smaller,
         (Some(Metric::VelocityRmsUmS), false),
         |s| s.lpt.as_ref().map(|l| (l.motion.velocity_rms_um_s, l.interval.velocity_rms_um_s)),
