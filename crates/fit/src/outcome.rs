@@ -221,6 +221,7 @@ impl Fitted {
                 "a window ends at the edge of the image: light beyond the edge is not fitted".to_owned(),
             );
         }
+        warnings.extend(halo(problem, state));
         let waves = state.microscope.waves;
         if run.direction_margin.is_some_and(|margin| margin < KNOWN_DIRECTION) {
             warnings.push(
@@ -276,6 +277,27 @@ impl Fitted {
             ),
         }
     }
+}
+
+/// Share of a particle's light by which a background that is wrong over a window may differ from that of the scan.
+const HALO: f64 = 0.01;
+
+/// A warning if the fitted background differs from that of the scan's darkest pixels: a background and a halo
+/// that fills the window can stand in for each other, at another numerical aperture.
+fn halo(problem: &Problem, state: &State) -> Option<String> {
+    let edge = problem.edge_px();
+    let light = state.beads.iter().map(|bead| bead.light).sum::<f64>() / state.beads.len() as f64;
+    let (fitted, dark) = (state.background(), problem.background.mean);
+    let share = (dark - fitted).abs() * (edge * edge) as f64 / light;
+    (share > HALO).then(|| {
+        format!(
+            "the fitted background is {fitted:.1} counts, that of the dark pixels of the scan {dark:.1}: over a window of {edge} px, \
+             the difference is {:.1} % of the light of a particle. Particle images that are wider than the window or overlap cause \
+             this; numerical aperture and focal length are then probably wrong: use particles farther apart, planes closer to \
+             focus (--planes A-B), or --model waves",
+            100.0 * share
+        )
+    })
 }
 
 fn verdict(chi2: f64, r2: f64) -> Verdict {
