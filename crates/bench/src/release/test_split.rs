@@ -32,9 +32,6 @@ const TIMING: [&str; 11] = [
 /// Published columns of the table of frames.
 const COLUMNS: [&str; 5] = ["frame", "pair", "role", "t_s", "image"];
 
-/// Path of the table of frames in the public test split.
-pub(super) const FRAMES_PATH: &str = FrameRow::RELEASED_PATH;
-
 /// Packs the split. `train` is the public dataset, whose calibration stack serves all splits; `test` is the
 /// withheld dataset. With `nominal`, frames have their nominal times, without jitter.
 pub(super) fn package(
@@ -48,7 +45,7 @@ pub(super) fn package(
     package.copy_folder(train, |path| path.starts_with("calibration/"))?;
     package.copy("settings.txt", test.join("settings.txt"));
     let images = checksums::images_digest(&checksums::write(&package.fingerprints()?));
-    package.write(FRAMES_PATH, frames(test, nominal)?);
+    package.write(FrameRow::RELEASED_PATH, frames(test, nominal)?);
     package.write("README.md", about.test_card());
     package.write(LICENSE, about.license_text());
     package.write("submission/results.csv", submission::results_header(about.is_for_fields()));
@@ -65,7 +62,7 @@ pub(super) fn package(
             Resource { frame, ..manifest::resource(path, fingerprint, &tables) }
         })
         .collect();
-    for table in resources.iter_mut().filter(|r| r.path == FRAMES_PATH) {
+    for table in resources.iter_mut().filter(|r| r.path == FrameRow::RELEASED_PATH) {
         table.profile = Some("tabular-data-resource".to_owned());
         table.description = Some(FrameRow::DESCRIPTION.to_owned());
         table.schema = Some(schema(&whole, nominal.is_some()));
@@ -123,7 +120,7 @@ fn frames(test: &Path, nominal: Option<&Recordings>) -> Result<Vec<u8>> {
     let mut table = TableReader::open(&test.join(FrameRow::PATH))?;
     let columns: Vec<usize> = COLUMNS.iter().filter_map(|name| table.column(name)).collect();
     let header = table.header().to_vec();
-    let failed = |e: csv::Error| Error::input(format!("{FRAMES_PATH}: {e}"));
+    let failed = |e: csv::Error| Error::input(format!("{}: {e}", FrameRow::RELEASED_PATH));
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(columns.iter().map(|&c| &header[c])).map_err(failed)?;
     let mut times = nominal.map(|recordings| (0..).map(|frame| recordings.nominal_s(frame).to_string()));

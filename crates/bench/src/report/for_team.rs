@@ -32,7 +32,7 @@ const DIGITS: usize = 3;
 /// Prefixes of keys whose value depends on a single particle.
 const OF_ONE: [&str; 5] = ["p50", "p95", "median", "min_distance", "max_distance"];
 
-/// Keys that are not results: rules, counts, edges of bins.
+/// Keys that are not results: definitions, counts, edges of bins.
 const EXACT: [&str; 6] = ["definitions", "counts", "from", "to", "z_over_h", "wavelength_px"];
 
 /// Rules among the results. The gate of reference nodes is none of them: it follows from the true field.
