@@ -11,7 +11,7 @@ use super::example;
 use super::run::RECORD;
 use super::trackers::{How, Tracker};
 use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, page, unmeasured};
-use scoring::ranking::ScoreDef;
+use scoring::ranking::{ScoreDef, ranks_fields};
 
 /// Case for the example image, and cases for which depth errors are plotted, of each track.
 const PICTURES: usize = 2;
@@ -53,7 +53,7 @@ pub(super) fn write(
             }
         }
         let shown = more.pictures.entry(case.track.clone()).or_default();
-        let is_of_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
+        let is_of_fields = ranks_fields(&case.rank_by);
         if is_of_fields || shown.len() < PICTURES {
             shown.extend(example::picture(work, case)?);
         }

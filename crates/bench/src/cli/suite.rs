@@ -16,6 +16,7 @@ use generator::runner::{
     Frozen, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
 };
 use scenario::{Size, Split};
+use scoring::ranking::{ScoreDef, ranks_fields};
 use storage::error::{Error, Result};
 use storage::save_bytes;
 
@@ -228,7 +229,7 @@ impl List {
         let mut lines = vec![format!("{name} {version}, size {}: {}", size.name(), suite.spec.title)];
         let mut tracks = Vec::new();
         for track in &suite.spec.tracks {
-            let ranked: Vec<&str> = track.rank_by.iter().map(|metric| metric.name()).collect();
+            let ranked: Vec<&str> = track.rank_by.iter().map(|metric| ScoreDef::of(*metric).name).collect();
             lines.push(format!("{}  {}; ranked by {}", track.name, track.title, ranked.join(", ")));
             let mut listed = Vec::new();
             for case in cases.iter().filter(|case| case.track == track.name) {
@@ -443,7 +444,7 @@ impl Release {
                 test: Some(test),
                 test_set: Vec::new(),
                 exact_times: false,
-                fields: case.rank_by.first().is_some_and(|metric| metric.is_of_fields()),
+                fields: ranks_fields(&case.rank_by),
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
                 deadline: self.deadline,

@@ -18,7 +18,7 @@ use serde_json::Value;
 use super::about::ReleaseTexts;
 use super::package::Package;
 use super::submission;
-use scoring::ranking::{Better, SCORES, ScoreDef};
+use scoring::ranking::{Better, SCORES, ScoreDef, Subject};
 use storage::TemporaryFolder;
 use storage::error::{Error, Result};
 
@@ -31,17 +31,9 @@ const SCORING: &str = include_str!("codabench/scoring.py");
 /// Command with which the platform runs it.
 const METADATA: &str = "command: python3 /app/program/scoring.py /app/input /app/output\n";
 
-/// Key of a column of the leaderboard.
-fn key(def: &ScoreDef) -> String {
-    def.metric.map_or_else(
-        || def.path.rsplit('.').next().unwrap_or_default().to_owned(),
-        |metric| metric.name().to_owned(),
-    )
-}
-
-/// Columns of the leaderboard.
+/// Columns of the leaderboard, which sorts by size; it reads each from one key of `score.json`.
 fn columns() -> impl Iterator<Item = &'static ScoreDef> {
-    SCORES.iter().filter(|def| def.is_headline)
+    SCORES.iter().filter(|def| def.is_headline && !def.path.is_empty() && def.better != Better::NearZero)
 }
 
 /// Files of the test split that scoring does not need; some reveal more than the truth of this split.
@@ -75,7 +67,8 @@ pub(super) fn write(
     let mut program = Package::default();
     program.write("metadata.yaml", METADATA);
     program.write("scoring.py", SCORING);
-    let paths: serde_json::Map<String, Value> = columns().map(|def| (key(def), def.path.into())).collect();
+    let paths: serde_json::Map<String, Value> =
+        columns().map(|def| (def.name.to_owned(), def.path.into())).collect();
     program.write("columns.json", Value::Object(paths).to_string());
     if let Some(wheel) = wheel {
         let name = wheel.file_name().unwrap_or_default().to_string_lossy();
@@ -128,13 +121,14 @@ fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
             _ => "Particles or displacement fields",
         },
     );
-    let is_shown = |def: &&ScoreDef| match def.is_of_fields() {
-        true => about.scored.contains(&"fields"),
-        false => !about.is_for_fields(),
+    let is_shown = |def: &&ScoreDef| match def.subject {
+        Subject::Field => about.scored.contains(&"fields"),
+        Subject::Particles => !about.is_for_fields(),
+        Subject::Planes => false,
     };
     for (i, def) in columns().filter(is_shown).enumerate() {
         let sorting = if def.better == Better::Smaller { "asc" } else { "desc" };
-        let (key, title) = (key(def), quoted(&def.title()));
+        let (key, title) = (def.name, quoted(&def.title()));
         text += &format!(
             "      - index: {i}\n        title: {title}\n        key: {key}\n        sorting: {sorting}\n"
         );

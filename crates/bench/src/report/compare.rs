@@ -26,7 +26,9 @@ use super::score_file;
 use super::sweep_plots::axis_plots;
 use super::table::number;
 use scoring::evaluate::curves::Bin;
+use scoring::evaluate::statistics::Interval;
 use scoring::evaluate::{Score, UnitScores};
+use scoring::ranking::{SCORES, ScoreDef};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::shown::cell;
@@ -320,36 +322,6 @@ fn curves_csv(scores: &[(Entry, Score)]) -> Result<Vec<u8>> {
     writer.into_inner().map_err(unwritable)
 }
 
-/// A column of the leaderboard.
-type Column = fn(&Entry) -> Option<f64>;
-
-const COLUMNS: [(&str, Column); 24] = [
-    ("F1", |e| e.f1),
-    ("valid nodes", |e| e.valid_nodes),
-    ("95 % from", |e| e.low),
-    ("to", |e| e.high),
-    ("recall", |e| e.recall),
-    ("precision", |e| e.precision),
-    ("RMSE xy, px", |e| e.rmse_xy_px),
-    ("bias x, px", |e| e.bias_x_px),
-    ("bias y, px", |e| e.bias_y_px),
-    ("sigma z / h", |e| e.sigma_z_over_h),
-    ("valid vectors", |e| e.valid_vector_probability),
-    ("AEE, px", |e| e.aee_px),
-    ("RMS u of inliers, px", |e| e.rms_u_inliers_px),
-    ("RMS v of inliers, px", |e| e.rms_v_inliers_px),
-    ("link F1", |e| e.link_f1),
-    ("HOTA", |e| e.hota),
-    ("alpha", |e| e.alpha),
-    ("beta", |e| e.beta),
-    ("JSC", |e| e.jsc),
-    ("JSC_theta", |e| e.jsc_theta),
-    ("68 % of z within, um", |e| e.p68_z_um),
-    ("points near their plane", |e| e.share_within),
-    ("RMS z, um", |e| e.rmse_z_um),
-    ("bias z, um", |e| e.bias_z_um),
-];
-
 /// A plot of several series; `None` if no series has points.
 fn plot_of(x: &str, y: &str, mut series: Vec<Series>) -> Result<Option<Markup>> {
     // Scores of the other kind have no points and do not appear in the legend.
@@ -388,6 +360,14 @@ fn curve_plots(scores: &[(Entry, Score)]) -> Result<Vec<Markup>> {
     Ok(plots)
 }
 
+/// A value with its 95 % interval.
+fn measured((value, ends): (Option<f64>, Interval)) -> Markup {
+    html! {
+        (number(value))
+        @if let Some([low, high]) = ends { " " span.soft { "[" (number(Some(low))) ", " (number(Some(high))) "]" } }
+    }
+}
+
 fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
     let entries: Vec<&Entry> = scores.iter().map(|s| &s.0).collect();
     let (axis_plots, curves) = (axis_plots(&entries)?, curve_plots(scores)?);
@@ -398,17 +378,18 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
         errors in the image plane and in depth, link F1, HOTA; \
         fields are ranked by the fraction of valid nodes, then by the RMS error at nodes. If the paired comparison of two results does not \
         separate them by one criterion, the next one decides. Scores of equal rank are not separated by any criterion. Errors cover found \
-        particles only: read them together with recall. A ! marks positions with a bias that F1 does not show." }
+        particles only: read them together with recall. Brackets are 95 % intervals. A ! marks positions with a bias that F1 does not show." }
         @for warning in warnings { p.warning { (warning) } }
         @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
             h2 { (same[0].0.kind.title()) }
             // Only columns with a value: particles and fields have different scores.
-            @let columns: Vec<_> = COLUMNS.iter().filter(|(_, value)| same.iter().any(|(e, _)| value(e).is_some())).collect();
+            @let is_used = |index: usize| same.iter().any(|(e, _)| e.score(index).0.is_some());
+            @let columns: Vec<(usize, &ScoreDef)> = SCORES.iter().enumerate().filter(|(i, _)| is_used(*i)).collect();
             div.scroll { table.board {
-                tr { th { "rank" } th { "name" } @if with_axes { th { "case" } } @for (name, _) in &columns { th { (name) } } }
+                tr { th { "rank" } th { "name" } @if with_axes { th { "case" } } @for (_, def) in &columns { th { (def.title()) } } }
                 @for (e, _) in same { tr {
                     td { (e.rank) @if e.biased { "!" } } td { (e.name) } @if with_axes { td { (e.case()) } }
-                    @for (_, value) in &columns { td { (number(value(e))) } }
+                    @for (index, _) in &columns { td { (measured(e.score(*index))) } }
                 } }
             } }
         }

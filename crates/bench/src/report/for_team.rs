@@ -167,7 +167,7 @@ fn without_details(score: &Score) -> Score {
 }
 
 /// The score with the questions of its hints only; the rest of a hint quotes scores, also of a sample. A hint
-/// that was read from a file has no question of its own and is left out.
+/// without a question is left out.
 fn with_questions(score: &Score) -> Score {
     let mut score = score.clone();
     for hint in std::mem::take(&mut score.hints) {
@@ -341,9 +341,10 @@ mod tests {
         let asked = with_questions(&Score { hints: vec![hint.clone()], warnings, ..Score::default() });
         assert_eq!(asked.warnings, ["fewer rows"]);
         assert_eq!(asked.hints, [Hint::new("origin mismatch?", "")]);
-        // Read from a file, it cannot be divided.
-        let read = Hint { question: String::new(), ..hint };
-        let asked = with_questions(&Score { hints: vec![read], ..Score::default() });
+        let read = serde_json::from_value(serde_json::to_value(&hint).unwrap()).unwrap();
+        assert_eq!(with_questions(&Score { hints: vec![read], ..Score::default() }).hints, asked.hints);
+        let unasked = Hint { question: String::new(), ..hint };
+        let asked = with_questions(&Score { hints: vec![unasked], ..Score::default() });
         assert!(asked.hints.is_empty());
     }
 

@@ -4,21 +4,20 @@ use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use serde_json::Value;
 
-use super::table::number;
 use scenario::Metric;
 use scoring::evaluate::Score;
 use scoring::evaluate::UnitScores;
 use scoring::evaluate::statistics::Interval;
-use scoring::ranking::{Contestant, rank};
+use scoring::ranking::{Contestant, SCORES, ScoreDef, Subject, rank};
 
 /// Bias above which an entry is marked, px: a wrong origin shifts positions by 0.5 or 1 px, which a gate of
 /// 2 px does not detect.
 const BIAS_PX: f64 = 0.25;
 
-/// An entry of the leaderboard. Scores are named after their keys in `score.json`.
+/// An entry of the leaderboard.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Entry {
     /// Rank among the scores of its kind (within one dataset for cases of a sweep).
@@ -30,69 +29,36 @@ pub struct Entry {
     pub tracker: String,
     /// Name of the dataset.
     pub dataset: String,
-    /// detection.f1
-    pub f1: Option<f64>,
+    /// particles_3d, particles_2d, field or planes
+    pub kind: ResultKind,
+    /// Values of [`SCORES`] in their order, each with its 95 % interval.
+    #[serde(flatten, serialize_with = "by_name")]
+    pub scores: Vec<(Option<f64>, Interval)>,
     /// Lower end of the 95 % interval of the first criterion.
     pub low: Option<f64>,
     /// Upper end of the same interval.
     pub high: Option<f64>,
-    /// detection.recall
-    pub recall: Option<f64>,
-    /// detection.precision
-    pub precision: Option<f64>,
-    /// detection.rmse_xy_px
-    pub rmse_xy_px: Option<f64>,
-    /// gdpt.sigma_z_over_h
-    pub sigma_z_over_h: Option<f64>,
-    /// links.f1
-    pub link_f1: Option<f64>,
-    /// hota.hota
-    pub hota: Option<f64>,
-    /// isbi.alpha
-    pub alpha: Option<f64>,
-    /// isbi.beta
-    pub beta: Option<f64>,
-    /// isbi.jsc
-    pub jsc: Option<f64>,
-    /// isbi.jsc_theta
-    pub jsc_theta: Option<f64>,
-    /// field.nodes.valid
-    pub valid_nodes: Option<f64>,
-    /// field.valid_vector_probability
-    pub valid_vector_probability: Option<f64>,
-    /// field.aee_px
-    pub aee_px: Option<f64>,
-    /// field.u_inliers.rms_px
-    pub rms_u_inliers_px: Option<f64>,
-    /// field.v_inliers.rms_px
-    pub rms_v_inliers_px: Option<f64>,
-    /// particles_3d, particles_2d or field
-    pub kind: ResultKind,
-    /// detection.bias_x_px, or field.u.bias_px
-    pub bias_x_px: Option<f64>,
-    /// detection.bias_y_px, or field.v.bias_px
-    pub bias_y_px: Option<f64>,
     /// Frames or image pairs that the result leaves out: counts.frames_missing, or field.n_pairs_missing
     pub missing: usize,
-    /// planes.share_within
-    pub share_within: Option<f64>,
-    /// planes.rmse_z_um
-    pub rmse_z_um: Option<f64>,
-    /// planes.bias_z_um
-    pub bias_z_um: Option<f64>,
-    /// planes.p68_z_um
-    pub p68_z_um: Option<f64>,
     /// Whether the bias in the image plane exceeds 0.25 px (particles only).
     pub biased: bool,
     /// Parameter values of the sweep.
     #[serde(skip)]
     pub axes: BTreeMap<String, Value>,
+    /// Bias of particles in the image plane.
+    #[serde(skip)]
+    bias_px: Option<(f64, f64)>,
     /// Input of the paired comparison; scores of earlier versions have none.
     #[serde(skip)]
     pub(super) units: Option<Arc<UnitScores>>,
     /// Scores of the same group are ranked together.
     #[serde(skip)]
     group: String,
+}
+
+/// Writes the scores by name.
+fn by_name<S: Serializer>(scores: &[(Option<f64>, Interval)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(SCORES.iter().zip(scores).map(|(def, (value, _))| (def.name, value)))
 }
 
 /// Kind of result. Kinds are ranked separately: the gate in the image plane is easier to meet than that in
@@ -115,6 +81,15 @@ pub enum ResultKind {
 }
 
 impl ResultKind {
+    /// What its scores describe.
+    fn subject(self) -> Subject {
+        match self {
+            ResultKind::Particles3D | ResultKind::Particles2D => Subject::Particles,
+            ResultKind::Field => Subject::Field,
+            ResultKind::Planes => Subject::Planes,
+        }
+    }
+
     /// Heading of the table.
     pub(super) fn title(self) -> &'static str {
         match self {
@@ -128,70 +103,39 @@ impl ResultKind {
 
 impl Entry {
     pub(super) fn of(name: String, score: &Score, units: Option<Arc<UnitScores>>) -> Self {
-        let mut entry = Entry {
+        let kind = match &score.detection {
+            None if score.field.is_some() => ResultKind::Field,
+            None if score.planes.is_some() => ResultKind::Planes,
+            _ if score.definitions.dims == 2 => ResultKind::Particles2D,
+            _ => ResultKind::Particles3D,
+        };
+        let scores: Vec<_> = SCORES.iter().map(|def| def.measured(score)).collect();
+        let criteria = criteria(kind.subject(), |index| scores[index].0.is_some());
+        let ends = criteria.first().and_then(|index| scores[*index].1);
+        let bias_px = score.detection.as_ref().and_then(|d| d.bias_x_px.zip(d.bias_y_px));
+        let axes = score.definitions.axes.clone();
+        // Each case of a sweep is ranked separately.
+        let truth = score.definitions.truth_sha256.as_ref().filter(|_| !axes.is_empty());
+        Entry {
             name,
             dataset: score.dataset.clone(),
-            axes: score.definitions.axes.clone(),
+            kind,
+            scores,
+            low: ends.map(|ends| ends[0]),
+            high: ends.map(|ends| ends[1]),
             missing: score.missing(),
+            biased: bias_px.is_some_and(|(x, y)| x.hypot(y) > BIAS_PX),
+            group: truth.cloned().unwrap_or_default(),
+            axes,
+            bias_px,
             units,
             ..Entry::default()
-        };
-        if !entry.axes.is_empty() {
-            // Each case of a sweep is ranked separately.
-            entry.group = score.definitions.truth_sha256.clone().unwrap_or_default();
         }
-        match &score.field {
-            Some(field) if score.detection.is_none() => entry.of_field(field),
-            None if score.detection.is_none() && score.planes.is_some() => entry.kind = ResultKind::Planes,
-            _ => entry.of_particles(score),
-        }
-        if let Some(planes) = &score.planes {
-            (entry.share_within, entry.p68_z_um) = (planes.share_within, planes.p68_z_um);
-            (entry.rmse_z_um, entry.bias_z_um) = (planes.rmse_z_um, planes.bias_z_um);
-        }
-        let bias = entry.bias_x_px.zip(entry.bias_y_px).map(|(x, y)| x.hypot(y));
-        entry.biased = entry.kind != ResultKind::Field && bias.is_some_and(|bias| bias > BIAS_PX);
-        entry
     }
 
-    fn of_particles(&mut self, score: &Score) {
-        let mut first = None;
-        if score.definitions.dims == 2 {
-            self.kind = ResultKind::Particles2D;
-        }
-        if let Some(d) = &score.detection {
-            (self.f1, self.recall, self.precision) = (d.f1, d.recall, d.precision);
-            (self.rmse_xy_px, self.bias_x_px, self.bias_y_px) = (d.rmse_xy_px, d.bias_x_px, d.bias_y_px);
-            first = d.interval.f1;
-        }
-        let gdpt = score.gdpt.as_ref();
-        self.sigma_z_over_h = gdpt.and_then(|g| g.sigma_z_over_h);
-        let (links, hota) = (score.links.as_ref(), score.hota.as_ref());
-        self.link_f1 = links.and_then(|l| l.f1);
-        self.hota = hota.and_then(|h| h.hota);
-        if let Some(i) = &score.isbi {
-            (self.alpha, self.beta, self.jsc, self.jsc_theta) = (i.alpha, i.beta, i.jsc, i.jsc_theta);
-        }
-        self.ends(first);
-    }
-
-    fn of_field(&mut self, field: &scoring::evaluate::field::FieldScore) {
-        let errors = &field.main;
-        self.kind = ResultKind::Field;
-        (self.valid_nodes, self.valid_vector_probability) =
-            (field.nodes.valid, errors.valid_vector_probability);
-        self.aee_px = errors.aee_px;
-        (self.rms_u_inliers_px, self.rms_v_inliers_px) = (errors.u_inliers.rms_px, errors.v_inliers.rms_px);
-        (self.bias_x_px, self.bias_y_px) = (errors.u.bias_px, errors.v.bias_px);
-        let nodes = field.nodes.interval_valid;
-        let vectors = errors.interval_valid_vector_probability;
-        // Scores of versions without reference nodes only have the fraction of valid vectors.
-        let first = if field.nodes.valid.is_some() { nodes } else { vectors };
-        self.ends(first);
-    }
-
-    fn ends(&mut self, first: Interval) {
-        (self.low, self.high) = (first.map(|e| e[0]), first.map(|e| e[1]));
+    /// A score by its place in [`SCORES`].
+    pub(super) fn score(&self, index: usize) -> (Option<f64>, Interval) {
+        self.scores.get(index).copied().unwrap_or_default()
     }
 
     /// The parameter values on one line.
@@ -293,28 +237,37 @@ pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
     ranked
 }
 
+/// Places in [`SCORES`] of the scores that rank results, of those that some result has. Fields of versions without reference
+/// nodes only have scores at their own vectors.
+fn criteria(subject: Subject, has: impl Fn(usize) -> bool) -> Vec<usize> {
+    let of = |ranks: fn(&ScoreDef) -> bool| -> Vec<usize> {
+        let is = |index: &usize| {
+            let def = &SCORES[*index];
+            def.subject == subject && def.metric.is_some() && ranks(def) && has(*index)
+        };
+        (0..SCORES.len()).filter(is).collect()
+    };
+    let own = of(|def| def.is_criterion);
+    if own.is_empty() { of(|def| def.is_headline) } else { own }
+}
+
 /// Indices of scores of one kind and case in order, each with its rank.
 fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
-    let criteria: &[Metric] = match same[0].0.kind {
-        ResultKind::Planes => return by_depth(same),
-        ResultKind::Particles3D | ResultKind::Particles2D => {
-            &[Metric::F1, Metric::RmseXyPx, Metric::SigmaZOverH, Metric::LinkF1, Metric::Hota]
-        }
-        // Scores of versions without reference nodes only have those at their own vectors.
-        ResultKind::Field if same.iter().all(|s| s.0.valid_nodes.is_none()) => {
-            &[Metric::ValidVectorProbability, Metric::RmsInliersPx]
-        }
-        ResultKind::Field => &[Metric::ValidNodes, Metric::RmsNodesPx],
-    };
+    if same[0].0.kind == ResultKind::Planes {
+        return by_depth(same);
+    }
+    let has = |index| same.iter().any(|(entry, _)| entry.score(index).0.is_some());
+    let criteria = criteria(same[0].0.kind.subject(), has);
+    let criteria: Vec<Metric> = criteria.into_iter().filter_map(|index| SCORES[index].metric).collect();
     let contestants: Vec<Contestant<'_>> =
         same.iter().map(|(entry, score)| Contestant { score, units: entry.units.as_deref() }).collect();
-    rank(&contestants, criteria, 0)
+    rank(&contestants, &criteria, 0)
 }
 
 /// Recordings whose planes are known: by the distance from the plane that 68 % of all points keep, which
 /// points on the wrong side of the focus increase.
 fn by_depth(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
-    let of = |i: &usize| same[*i].0.p68_z_um.unwrap_or(f64::INFINITY);
+    let of = |i: &usize| same[*i].1.planes.as_ref().and_then(|p| p.p68_z_um).unwrap_or(f64::INFINITY);
     let mut order: Vec<usize> = (0..same.len()).collect();
     order.sort_by(|a, b| of(a).total_cmp(&of(b)));
     let rank = |i: &usize| 1 + order.iter().filter(|other| of(other) < of(i)).count();
@@ -323,16 +276,18 @@ fn by_depth(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
 
 /// Warning about a bias that does not affect the rank of an entry.
 pub(super) fn caution(entry: &Entry) -> Option<String> {
-    let (x, y) = entry.bias_x_px.zip(entry.bias_y_px).filter(|_| entry.biased)?;
+    let (x, y) = entry.bias_px.filter(|_| entry.biased)?;
     Some(format!(
         "{}: positions are biased by ({x:+.3}, {y:+.3}) px on average, which F1 and therefore the rank do not show",
         entry.name
     ))
 }
 
+/// Width of all columns after the first score.
+const WIDTH: usize = 36;
+
 /// The leaderboard in 80 columns.
 pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
-    let n = number;
     let tied = |e: &Entry| {
         entries.iter().filter(|o| (o.kind, o.rank, &o.group) == (e.kind, e.rank, &e.group)).count() > 1
     };
@@ -344,85 +299,52 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
         let name: String = whole.chars().take(14).collect();
         if name.len() < whole.len() { name + "~" } else { name }
     };
-    let ends = |e: &Entry| e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]"));
-    let mut lines = Vec::new();
-    let of = |kind: ResultKind| entries.iter().filter(move |e| e.kind == kind).collect::<Vec<_>>();
-    let with_depth = of(ResultKind::Particles3D);
-    let in_plane = of(ResultKind::Particles2D);
-    let are_both = !with_depth.is_empty() && !in_plane.is_empty();
     let short = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
-    for particles in [with_depth, in_plane] {
-        let Some(first) = particles.first() else { continue };
-        if are_both {
-            lines.push(format!("{}:", first.kind.title()));
+    let mut lines = Vec::new();
+    for of_kind in entries.chunk_by(|a, b| a.kind == b.kind) {
+        let kind = of_kind[0].kind;
+        if of_kind.len() < entries.len() {
+            lines.push(format!("{}:", kind.title()));
         }
-        lines.push(format!(
-            "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
-            "rank", "name", "F1", "95 %", "recall", "xy px", "z / h", "links", "HOTA"
+        let of_kind_shown = SCORES.iter().enumerate().filter(|(_, def)| def.subject == kind.subject());
+        let columns: Vec<(usize, &str)> =
+            of_kind_shown.filter_map(|(i, def)| Some((i, def.heading?))).collect();
+        let width = WIDTH / columns.len().saturating_sub(1).max(1) - 1;
+        let has_ends = of_kind.iter().any(|e| e.low.is_some());
+        let row = |rank: &str, name: &str, cells: Vec<String>, ends: &str| {
+            let mut cells = cells.iter();
+            let mut row = format!("{rank:<4} {name:<15} {:>6}", cells.next().map_or("", String::as_str));
+            row += &if has_ends { format!(" {ends:<16}") } else { String::new() };
+            cells.for_each(|cell| row += &format!(" {cell:>width$}"));
+            row.trim_end().to_owned()
+        };
+        lines.push(row(
+            "rank",
+            "name",
+            columns.iter().map(|(_, heading)| (*heading).to_owned()).collect(),
+            "95 %",
         ));
-        for same in particles.chunk_by(|a, b| a.axes == b.axes) {
+        for same in of_kind.chunk_by(|a, b| a.axes == b.axes) {
             lines.extend(Some(same[0].case()).filter(|case| !case.is_empty()));
             lines.extend(same.iter().map(|e| {
-                format!(
-                    "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
-                    rank(e),
-                    name(e),
-                    short(e.f1),
-                    ends(e),
-                    short(e.recall),
-                    short(e.rmse_xy_px),
-                    short(e.sigma_z_over_h),
-                    short(e.link_f1),
-                    short(e.hota)
-                )
+                let ends = e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]"));
+                let cells = columns.iter().map(|(index, _)| short(e.score(*index).0)).collect();
+                row(&rank(e), &name(e), cells, &ends)
             }));
         }
+        if kind == ResultKind::Planes {
+            lines.push(
+                "Ranked by the distance from their plane within which 68 % of all points are.".to_owned(),
+            );
+        }
     }
-    let fields = of(ResultKind::Field);
-    if !fields.is_empty() {
-        lines.push(format!(
-            "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>9} {:>8}",
-            "rank", "name", "nodes", "95 %", "vectors", "RMS in px", "AEE px"
-        ));
+    if entries.iter().any(|e| e.kind != ResultKind::Planes) {
+        lines.push(
+            "Ranked by F1, then errors, links, HOTA (fields: valid nodes, RMS at nodes): where the paired comparison of one does not \
+             separate two results, the next decides. =: separated by none."
+                .to_owned(),
+        );
     }
-    for same in fields.chunk_by(|a, b| a.axes == b.axes) {
-        lines.extend(Some(same[0].case()).filter(|case| !case.is_empty()));
-        lines.extend(same.iter().map(|e| {
-            format!(
-                "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>9} {:>8}",
-                rank(e),
-                name(e),
-                n(e.valid_nodes),
-                ends(e),
-                n(e.valid_vector_probability),
-                n(e.rms_u_inliers_px.zip(e.rms_v_inliers_px).map(|(u, v)| u.hypot(v))),
-                n(e.aee_px)
-            )
-        }));
-    }
-    let planes = of(ResultKind::Planes);
-    if !planes.is_empty() {
-        lines.push(format!(
-            "{:<4} {:<15} {:>11} {:>9} {:>9} {:>9}  (ranked by 68 %)",
-            "rank", "name", "68 % z um", "in gate", "RMS z um", "bias z"
-        ));
-    }
-    lines.extend(planes.iter().map(|e| {
-        format!(
-            "{:<4} {:<15} {:>11} {:>9} {:>9} {:>9}",
-            rank(e),
-            name(e),
-            short(e.p68_z_um),
-            short(e.share_within),
-            short(e.rmse_z_um),
-            short(e.bias_z_um)
-        )
-    }));
-    lines.push(
-        "Ranked by F1, then errors, links, HOTA (fields: valid nodes, RMS at nodes): where the paired comparison of one does not \
-         separate two results, the next decides. =: separated by none."
-            .to_owned(),
-    );
     if entries.iter().any(|e| e.biased) {
         lines.push(format!("!: positions are biased by more than {BIAS_PX} px."));
     }

@@ -14,23 +14,8 @@ use super::leaderboard::{Entry, axis_text, order_of_axes, short_key};
 use super::log_axis::is_logarithmic;
 use super::plots::{AxisLabels, Series, lines, lines_over_log};
 use scoring::evaluate::statistics::Errors;
+use scoring::ranking::SCORES;
 use storage::error::Result;
-
-/// A score: its name, its value, and whether the interval of the entry is its 95 % interval.
-type Quantity = (&'static str, fn(&Entry) -> Option<f64>, bool);
-
-const QUANTITIES: [Quantity; 10] = [
-    ("F1", |e| e.f1, true),
-    ("recall", |e| e.recall, false),
-    ("RMSE xy, px", |e| e.rmse_xy_px, false),
-    ("sigma z / h", |e| e.sigma_z_over_h, false),
-    ("link F1", |e| e.link_f1, false),
-    ("HOTA", |e| e.hota, false),
-    ("probability of a valid vector", |e| e.valid_vector_probability, true),
-    ("RMS u of inliers, px", |e| e.rms_u_inliers_px, false),
-    ("AEE, px", |e| e.aee_px, false),
-    ("bias along x, px", |e| e.bias_x_px, false),
-];
 
 /// Plots of every score over each parameter, with a line for each tracker and each combination of the other
 /// parameters; a parameter that is not plotted is named.
@@ -46,8 +31,8 @@ pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
             continue;
         };
         let on_axis = lines_over(axis, entries, numbers.nth);
-        for quantity in QUANTITIES {
-            plots.extend(plot(&numbers.label, &on_axis, quantity)?);
+        for (index, def) in SCORES.iter().enumerate().filter(|(_, def)| def.is_headline) {
+            plots.extend(plot(&numbers.label, &on_axis, &def.title(), index)?);
         }
     }
     Ok(plots)
@@ -116,13 +101,12 @@ fn lines_over<'a>(axis: &str, entries: &[&'a Entry], nth: usize) -> Vec<Line<'a>
 }
 
 /// A score over an axis; `None` if no case has it.
-fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Result<Option<Markup>> {
+fn plot(x: &str, on_axis: &[Line<'_>], y: &str, index: usize) -> Result<Option<Markup>> {
     // Minimum and maximum number of repetitions of the points.
     let counts = on_axis.iter().flat_map(|line| &line.points);
-    let counts = counts.map(|(_, same)| same.iter().filter(|e| value(e).is_some()).count());
+    let counts = counts.map(|(_, same)| same.iter().filter(|e| e.score(index).0.is_some()).count());
     let (least, most) = counts.filter(|n| *n > 0).fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
-    let mut series: Vec<Series> =
-        on_axis.iter().map(|line| series(line, value, has_interval, most > 1)).collect();
+    let mut series: Vec<Series> = on_axis.iter().map(|line| series(line, index, most > 1)).collect();
     let mut trackers: Vec<&str> = on_axis.iter().map(|line| line.tracker).collect();
     let mut drawn = series.iter().map(Series::has_points);
     trackers.retain(|_| drawn.next() == Some(true));
@@ -149,16 +133,11 @@ fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Re
     Ok(Some(figure_by_group(svg, &trackers, &names(&series), &caption)))
 }
 
-fn series(
-    line: &Line<'_>,
-    value: fn(&Entry) -> Option<f64>,
-    has_interval: bool,
-    has_repetitions: bool,
-) -> Series {
+fn series(line: &Line<'_>, index: usize, has_repetitions: bool) -> Series {
     const NONE: (f64, f64) = (f64::NAN, f64::NAN);
     let mut drawn = Series::new(&line.fixed, Vec::new());
     for (x, same) in &line.points {
-        let values: Vec<f64> = same.iter().filter_map(|e| value(e)).collect();
+        let values: Vec<f64> = same.iter().filter_map(|e| e.score(index).0).collect();
         let of = Errors::of(values.iter().copied());
         let mean = of.bias.unwrap_or(f64::NAN);
         drawn.points.push((*x, mean));
@@ -168,8 +147,8 @@ fn series(
             let deviation = of.random.filter(|_| n > 1.0).map(|random| random * (n / (n - 1.0)).sqrt());
             drawn.bars.push(deviation.map_or(NONE, |d| (mean - d, mean + d)));
         } else {
-            let ends = same.iter().find_map(|e| e.low.zip(e.high)).filter(|_| has_interval);
-            drawn.bars.push(ends.unwrap_or(NONE));
+            let ends = same.iter().find_map(|e| e.score(index).1);
+            drawn.bars.push(ends.map_or(NONE, |[low, high]| (low, high)));
         }
     }
     drawn
@@ -183,7 +162,8 @@ mod tests {
 
     fn entry(tracker: &str, f1: f64, axes: &[(&str, Value)]) -> Entry {
         let mut entry = Entry::default();
-        (entry.tracker, entry.f1) = (tracker.to_owned(), Some(f1));
+        // F1 is the first score.
+        (entry.tracker, entry.scores) = (tracker.to_owned(), vec![(Some(f1), None)]);
         entry.axes = axes.iter().map(|(axis, value)| ((*axis).to_owned(), value.clone())).collect();
         entry
     }
@@ -195,7 +175,7 @@ mod tests {
         let entries: Vec<&Entry> = entries.iter().collect();
         let on_axis = lines_over("a.x", &entries, 0);
         let [line] = &on_axis[..] else { panic!("{} lines", on_axis.len()) };
-        let drawn = series(line, |e| e.f1, true, true);
+        let drawn = series(line, 0, true);
         // One point for each value, so that no line connects repetitions.
         let expected = [(1.0, 0.8, 0.1), (3.0, 0.5, f64::NAN), (20.0, 0.5, 0.1)];
         assert_eq!((drawn.points.len(), drawn.bars.len(), drawn.singles.len()), (3, 3, 5));
@@ -206,7 +186,7 @@ mod tests {
             assert!((point.0, (point.1 - mean).abs() < 1e-12) == (x, true), "{point:?}");
             assert!(half.is_nan() && bar.0.is_nan() || (bar.1 - mean - half).abs() < 1e-12, "{bar:?}");
         }
-        let page = plot("a.x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
+        let page = plot("a.x", &on_axis, "F1", 0).unwrap().unwrap().into_string();
         assert!(
             page.contains("F1 against a.x (logarithmic): mean of 1 to 2 repetitions")
                 && page.contains("deviation")
@@ -218,12 +198,12 @@ mod tests {
     fn a_score_without_repetitions_has_its_interval() {
         let mut entries = [1.0, 2.0].map(|x: f64| entry("ncc", 0.5, &[("x", x.into())]));
         for entry in &mut entries {
-            (entry.low, entry.high) = (Some(0.4), Some(0.6));
+            entry.scores[0].1 = Some([0.4, 0.6]);
         }
         let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>(), 0);
-        let drawn = series(&on_axis[0], |e| e.f1, true, false);
+        let drawn = series(&on_axis[0], 0, false);
         assert_eq!((drawn.bars, drawn.singles.len()), (vec![(0.4, 0.6); 2], 0));
-        let page = plot("x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
+        let page = plot("x", &on_axis, "F1", 0).unwrap().unwrap().into_string();
         assert!(page.contains("F1 against x; bars are 95 % intervals."), "{page}");
     }
 
@@ -248,14 +228,14 @@ mod tests {
             entry(tracker, 0.5, &axes)
         };
         let entries = [of("ncc", 5), of("spots", 5), of("ncc", 9)];
-        let page = plot("x", &lines_over("x", &entries.iter().collect::<Vec<_>>(), 0), QUANTITIES[0]);
+        let page = plot("x", &lines_over("x", &entries.iter().collect::<Vec<_>>(), 0), "F1", 0);
         let page = page.unwrap().unwrap().into_string();
         let (ncc, spots) = (page.find("<b>ncc</b>: ").unwrap(), page.find("<b>spots</b>: ").unwrap());
         assert!(page[ncc..spots].contains("number.count = 5, pairs.count = 2"), "{page}");
         assert!(page[ncc..spots].contains("number.count = 9, pairs.count = 2"), "{page}");
         assert!(page[spots..].contains("number.count = 5") && !page[spots..].contains("number.count = 9"));
         let alone = [entry("ncc", 0.5, &[("x", 1.0.into())])];
-        let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>(), 0), QUANTITIES[0]);
+        let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>(), 0), "F1", 0);
         assert!(page.unwrap().unwrap().into_string().contains("<b>ncc</b> <span"));
     }
 
@@ -264,7 +244,7 @@ mod tests {
         let of = |x: f64| entry("ncc", 0.5, &[("x", x.into())]);
         let entries = [4.0, 16.0, 64.0, 256.0].map(of);
         let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>(), 0);
-        let page = plot("x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
+        let page = plot("x", &on_axis, "F1", 0).unwrap().unwrap().into_string();
         assert!(page.contains("F1 against x (logarithmic)."));
         for tick in ["4", "16", "64", "256"] {
             assert!(page.lines().any(|line| line.trim() == tick), "{tick} is no tick");

@@ -16,7 +16,7 @@ use scoring::evaluate::field::true_field;
 use scoring::evaluate::matching::NONE;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, evaluate};
-use scoring::ranking::{Contestant, rank};
+use scoring::ranking::{Contestant, rank, ranks_fields};
 use scoring::results::{
     self, Conventions, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit,
 };
@@ -340,7 +340,7 @@ pub(super) fn of_case(
     let (test, train) =
         (datasets.join(case.split_folder(Split::Test)), datasets.join(case.split_folder(Split::Train)));
     let train = if train.is_dir() { train } else { test.clone() };
-    let is_of_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
+    let is_of_fields = ranks_fields(&case.rank_by);
     let best = ranked.first().copied();
     // Results in other units than px are not spoiled.
     let found =

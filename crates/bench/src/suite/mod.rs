@@ -25,7 +25,7 @@ use dataset::manifest::GENERATOR_VERSION;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, evaluate_files};
-use scoring::ranking::{Contestant, rank};
+use scoring::ranking::{Contestant, ScoreDef, rank, ranks_fields};
 use site::Site;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
@@ -326,7 +326,7 @@ fn scored_case(
         ..EvaluateOptions::default()
     };
     // A truth that cannot be read is no fault of a tracker.
-    let is_of_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
+    let is_of_fields = ranks_fields(&case.rank_by);
     Truth::read(&dataset, is_of_fields, &rules)?;
     let evaluated: Vec<Scored> = entered
         .par_iter()
@@ -418,10 +418,10 @@ fn result(
     };
     let mut scores: Vec<MetricValue> =
         case.rank_by.iter().map(|metric| MetricValue::of(*metric, score)).collect();
-    let others = Metric::ALL.into_iter().filter(|metric| !case.rank_by.contains(metric));
+    let others = ScoreDef::metrics().filter(|metric| !case.rank_by.contains(metric));
     scores.extend(others.map(|metric| MetricValue::of(metric, score)).filter(|value| value.value.is_some()));
     // Fields have no scores of particles, and vice versa.
-    let ranks_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
+    let ranks_fields = ranks_fields(&case.rank_by);
     if score.field.is_some() != ranks_fields {
         let kind = if score.field.is_some() { "a displacement field" } else { "particles" };
         return none(

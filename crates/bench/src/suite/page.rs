@@ -154,7 +154,7 @@ pub fn unmeasured(cases: &[&CaseScores]) -> Vec<Metric> {
         results.any(|result| result.value(metric).is_some_and(|value| value.value.is_some()))
     };
     let ranks = |metric: &Metric| cases.iter().any(|case| case.rank_by.contains(metric));
-    Metric::ALL.into_iter().filter(|metric| ranks(metric) && !has(*metric)).collect()
+    ScoreDef::metrics().filter(|metric| ranks(metric) && !has(*metric)).collect()
 }
 
 /// Median time per frame of a tracker over the cases of a track.
@@ -170,8 +170,7 @@ fn time(tracker: &str, cases: &[&CaseScores], more: &Annotations) -> String {
 /// The results of a case.
 fn table(case: &CaseScores, more: &Annotations) -> Markup {
     let axes: Vec<String> = case.axes.iter().map(|a| format!("{} = {}", a.label, a.shown)).collect();
-    let others: Vec<Metric> = Metric::ALL
-        .into_iter()
+    let others: Vec<Metric> = ScoreDef::metrics()
         .filter(|m| !case.rank_by.contains(m))
         .filter(|m| case.results.iter().any(|r| r.value(*m).is_some_and(|v| v.value.is_some())))
         .collect();

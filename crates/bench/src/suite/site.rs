@@ -155,6 +155,7 @@ fn of_track(track: &TrackSpec, scores: &SuiteScores) -> Markup {
                     Better::Greater => "larger is better",
                     Better::Smaller => "smaller is better",
                     Better::NearOne => "nearer to 1 is better",
+                    Better::NearZero => "nearer to 0 is better",
                 }) }
             } }
         }

@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use super::{CaseResult, Status, SuiteScores};
-use scenario::Metric;
 use scoring::ranking::ScoreDef;
 use storage::error::{Error, Result};
 use storage::shown::cell;
@@ -16,8 +15,8 @@ pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
         ["suite", "version", "size", "track", "ladder", "case", "axes", "tracker", "status", "rank"]
             .map(str::to_owned)
             .to_vec();
-    for metric in Metric::ALL {
-        let name = metric.name();
+    for metric in ScoreDef::metrics() {
+        let name = ScoreDef::of(metric).name;
         header.extend([name.to_owned(), format!("{name}_low"), format!("{name}_high")]);
     }
     header.push("reason".to_owned());
@@ -30,7 +29,7 @@ pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
             row.extend([cell(&result.tracker), status(result).to_owned()]);
             row.push(result.rank.map(|rank| rank.to_string()).unwrap_or_default());
             let text = |number: Option<f64>| number.map(|x| x.to_string()).unwrap_or_default();
-            for metric in Metric::ALL {
+            for metric in ScoreDef::metrics() {
                 let value = result.value(metric);
                 row.extend([
                     text(value.and_then(|v| v.value)),

@@ -347,7 +347,13 @@ pub(crate) fn joined(path: &str, step: &str) -> String {
 
 /// The most similar word to `name`, if its Jaro-Winkler similarity exceeds 0.75.
 pub fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let similarity = |word: &str| strsim::jaro_winkler(word, name);
+    let name = name.to_lowercase();
+    // NA is the numerical aperture.
+    let is_short = |word: &str| word.split('_').filter_map(|part| part.chars().next()).eq(name.chars());
+    let similarity = |word: &str| match is_short(word) && name.len() > 1 {
+        true => 1.0,
+        false => strsim::jaro_winkler(&word.to_lowercase(), &name),
+    };
     let near =
         words.into_iter().map(|word| (similarity(word), word)).filter(|&(similarity, _)| similarity > 0.75);
     near.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, word)| word)

@@ -11,7 +11,6 @@ pub struct Hint {
     pub what: String,
     /// The question that `what` begins with. The rest of `what` quotes scores, which participants do not see
     /// if the truth is withheld.
-    #[serde(skip)]
     pub question: String,
     /// detection.f1 without the mistake.
     #[schemars(range(min = 0.0, max = 1.0))]

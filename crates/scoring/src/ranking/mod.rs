@@ -13,7 +13,7 @@ mod tests;
 use scenario::Metric;
 
 use crate::evaluate::{Score, UnitScores};
-pub use metric::{Better, SCORES, ScoreDef};
+pub use metric::{Better, SCORES, ScoreDef, Subject, ranks_fields};
 use paired::{Draws, Paired};
 
 /// A result that is ranked.

@@ -26,9 +26,8 @@ use std::rc::Rc;
 use scenario::Metric;
 
 use super::Contestant;
-use super::metric::{Better, ScoreDef};
-use crate::evaluate::hota::{self, SUMS};
-use crate::evaluate::statistics::{FEWEST, Interval, draws, quantile, ratio};
+use super::metric::{self, Better, ScoreDef};
+use crate::evaluate::statistics::{FEWEST, Interval, draws, quantile};
 use crate::evaluate::units::MISSED;
 
 /// The resamples, made once for each number of units, so that all results share them.
@@ -78,58 +77,18 @@ impl<'a> Paired<'a> {
             compared: Compared::Interval,
         };
         let Some(units) = of.units else { return whole };
-        let errors = match metric {
-            Metric::RmseXyPx => Some(&units.xy),
-            Metric::SigmaZOverH => Some(&units.z),
-            Metric::VelocityRmsUmS => Some(&units.velocity),
-            _ => None,
+        let compared = match def.compared {
+            metric::Compared::Interval => Compared::Interval,
+            metric::Compared::Errors(of) => match of(units) {
+                errors if errors.is_empty() || errors.len() != units.unit.len() => Compared::Interval,
+                errors => Compared::Errors(&units.unit, errors, median(errors)),
+            },
+            metric::Compared::Resamples(of) => of(units, draws).map_or(Compared::Interval, |resamples| {
+                let merit = |value: Option<f64>| value.map_or(f64::NEG_INFINITY, |value| better.merit(value));
+                Compared::Resampled(resamples.units, resamples.values.into_iter().map(merit).collect())
+            }),
         };
-        if let Some(errors) = errors {
-            let compared = match errors.is_empty() || errors.len() != units.unit.len() {
-                true => Compared::Interval,
-                false => Compared::Errors(&units.unit, errors, median(errors)),
-            };
-            return Paired { compared, ..whole };
-        }
-        let of = |value: Option<f64>| value.map_or(f64::NEG_INFINITY, |value| better.merit(value));
-        let compared = match metric {
-            Metric::F1 => {
-                let beside = units.beside.iter().copied().chain(std::iter::repeat(0.0));
-                let of_unit =
-                    |([tp, missed, fp], beside): (&[f64; 3], f64)| [tp - beside, 2.0 * tp + missed + fp];
-                let sums: Vec<[f64; 2]> = units.detection.iter().zip(beside).map(of_unit).collect();
-                resampled(&sums, draws, |[found, all]| of(ratio(2.0 * found, all)))
-            }
-            Metric::Recall | Metric::LptCorrect => {
-                resampled(&units.detection, draws, |[tp, missed, _]| of(ratio(tp, tp + missed)))
-            }
-            Metric::Precision => resampled(&units.detection, draws, |[tp, _, fp]| of(ratio(tp, tp + fp))),
-            Metric::LptGhost => {
-                resampled(&units.detection, draws, |[tp, missed, fp]| of(ratio(fp, tp + missed)))
-            }
-            Metric::LinkF1 => resampled(&units.links, draws, |[tp, n, m]| of(ratio(2.0 * tp, n + m))),
-            Metric::Hota => {
-                let sums: Option<Vec<[f64; SUMS]>> =
-                    units.hota.iter().map(|sums| sums.as_slice().try_into().ok()).collect();
-                sums.and_then(|sums| resampled(&sums, draws, |sums| of(hota::means(&sums)[0])))
-            }
-            Metric::IsbiBeta => {
-                resampled(&units.isbi, draws, |[gain, length, others]| of(ratio(gain, length + others)))
-            }
-            Metric::CrpsXyPx => resampled(&units.crps, draws, |[n, xy, _]| of(ratio(xy, n))),
-            Metric::CrpsZUm => resampled(&units.crps, draws, |[n, _, z]| of(ratio(z, n))),
-            Metric::AngleMeanAllDeg => resampled(&units.angles, draws, |[n, sum]| of(ratio(sum, n))),
-            Metric::ValidNodes => resampled(&units.nodes, draws, |[n, _, valid, ..]| of(ratio(valid, n))),
-            Metric::RmsNodesPx => {
-                resampled(&units.nodes, draws, |[n, _, _, squares, ..]| of(ratio(squares, n).map(f64::sqrt)))
-            }
-            Metric::ResponseNodes => {
-                resampled(&units.nodes, draws, |[.., product, exact]| of(ratio(product, exact)))
-            }
-            // These scores are over the vectors of the result.
-            _ => None,
-        };
-        Paired { compared: compared.unwrap_or(Compared::Interval), ..whole }
+        Paired { compared, ..whole }
     }
 
     /// Whether it is significantly better than another.
@@ -154,12 +113,19 @@ impl<'a> Paired<'a> {
     }
 }
 
-/// The merit of the sums of each resample; `None` without units.
-fn resampled<'a, const N: usize>(
+/// A score over resamples of units.
+#[derive(Debug)]
+pub(super) struct OfResamples {
+    units: usize,
+    values: Vec<Option<f64>>,
+}
+
+/// The score of the sums of each resample; `None` without units.
+pub(super) fn resampled<const N: usize>(
     units: &[[f64; N]],
     draws: &Draws,
-    merit: impl Fn([f64; N]) -> f64,
-) -> Option<Compared<'a>> {
+    score: impl Fn([f64; N]) -> Option<f64>,
+) -> Option<OfResamples> {
     if units.is_empty() {
         return None;
     }
@@ -169,9 +135,10 @@ fn resampled<'a, const N: usize>(
             let count = f64::from(*count);
             sums.iter_mut().zip(unit).for_each(|(sum, value)| *sum += count * value);
         }
-        merit(sums)
+        score(sums)
     };
-    Some(Compared::Resampled(units.len(), draws.of(units.len()).iter().map(of_resample).collect()))
+    let values = draws.of(units.len()).iter().map(of_resample).collect();
+    Some(OfResamples { units: units.len(), values })
 }
 
 /// Whether the differences over resamples of `units` units are significantly above 0: the 95 % interval is, or,

@@ -11,7 +11,8 @@ const merit = (better, value) => {
   if (value === null) {
     return -Infinity;
   }
-  return better === "near_one" ? -Math.abs(value - 1) : better === "smaller" ? -value : value;
+  const merits = { near_one: -Math.abs(value - 1), near_zero: -Math.abs(value), smaller: -value };
+  return merits[better] ?? value;
 };
 
 /** The page of the leaderboard; `open` is called with a dataset and its trackers. */
