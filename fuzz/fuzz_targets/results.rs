@@ -4,32 +4,16 @@
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
+use clap::ValueEnum;
 use scoring::results::{Conventions, Format, TrackerResult, read};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 
-const FORMATS: [Option<Format>; 16] = [
-    None,
-    Some(Format::Canonical),
-    Some(Format::Trackpy),
-    Some(Format::TrackmateSpots),
-    Some(Format::TrackmateXml),
-    Some(Format::Isbi),
-    Some(Format::Defocustracker),
-    Some(Format::DefocustrackerAscii),
-    Some(Format::Coco),
-    Some(Format::Napari),
-    Some(Format::Field),
-    Some(Format::Openpiv),
-    Some(Format::Pivlab),
-    Some(Format::Flo),
-    Some(Format::LptDa),
-    Some(Format::Davis),
-];
-
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let [choice, file @ ..] = bytes else { return };
-    let format = FORMATS[usize::from(*choice) % FORMATS.len()];
+    let formats = Format::value_variants();
+    // One more: detection.
+    let format = formats.get(usize::from(*choice) % (formats.len() + 1)).copied();
     let extension = ["csv", "txt", "xml", "flo", "json"][usize::from(*choice / 16) % 5];
     let path: PathBuf = FOLDER.path().join(format!("result.{extension}"));
     std::fs::write(&path, file).unwrap();

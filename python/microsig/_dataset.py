@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _RawTable = tuple[str, str, dict[str, tuple[str, str]], dict[str, Any]]
 
 _FRAMES, _TRACKS = "truth/frames.csv", "truth/tracks.csv"
+#: The frames of a released test split, which has no ``truth/``.
+_RELEASED_FRAMES = "frames.csv"
 _DISPLACEMENTS, _FIELD, _DEPTH = "truth/displacements.csv", "truth/field.csv", "truth/depth.csv"
 _BOXES = "truth/boxes.csv"
 
@@ -198,7 +200,7 @@ class _Folder:
     def _frame_table(self) -> Table:
         table = self.table(_FRAMES)
         if table is None:
-            raise FileNotFoundError(f"{self._folder / _FRAMES}: no such file; the truth of this dataset is withheld")
+            raise FileNotFoundError(f"{self._folder / _FRAMES}: no such file, nor {_RELEASED_FRAMES}")
         return table
 
     @cached_property
@@ -220,6 +222,8 @@ class _Folder:
         return len(self._paths)
 
     def table(self, path: str) -> Table | None:
+        if path == _FRAMES and path not in self.resources and not (self._folder / path).exists():
+            path = _RELEASED_FRAMES
         file = self._folder / path
         # Files that the manifest lists must exist.
         if path not in self.resources and not file.exists():
@@ -377,8 +381,11 @@ class Dataset:
 
     @property
     def name(self) -> str:
-        """Name of the dataset."""
-        return str(self.scenario["name"])
+        """Name of the dataset; of one without a scenario that of its manifest or folder."""
+        try:
+            return str(self.scenario["name"])
+        except FileNotFoundError:
+            return self._title
 
     @property
     def _title(self) -> str:

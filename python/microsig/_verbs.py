@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import os
+import re
 import tempfile
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -60,7 +61,8 @@ class Options:
     def _in_python(self, message: str) -> str:
         """A message with the names of arguments in place of options, the longest first."""
         for option in sorted(self._names, key=len, reverse=True):
-            message = message.replace(f"--{option}", self._names[option])
+            # Not in the middle of a path.
+            message = re.sub(rf"(?<![\w./-])--{option}(?![\w-])", self._names[option], message)
         return message
 
 

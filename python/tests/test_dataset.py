@@ -426,3 +426,4 @@ def test_a_recording_is_imported_like_a_dataset(tmp_path):
         )
     assert len(recording.images) == len(made.calibration.z_um)
     assert recording.calibration.images.dtype == np.float32
+    assert recording.name == "out" and "Dataset out in" in repr(recording)

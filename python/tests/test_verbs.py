@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import warnings
+import zipfile
 from pathlib import Path
 
 import microsig as ms
@@ -28,8 +29,8 @@ def test_verify_tells_what_the_command_tells(dataset, tmp_path):
     (copy / "truth/tracks.csv").write_text("damaged")
     with pytest.raises(ValueError, match="tracks.csv"):
         ms.verify(copy)
-    with pytest.raises(ValueError, match="no such folder"):
-        ms.verify(tmp_path / "none")
+    with pytest.raises(ValueError, match="data--regenerate: no such folder"):
+        ms.verify(tmp_path / "data--regenerate")
 
 
 def test_optics_are_those_of_the_command(tmp_path):
@@ -146,6 +147,10 @@ def test_release_makes_a_challenge(dataset, tmp_path):
     told = ms.release(dataset, tmp_path / "out", val=2, test=2, creators=["Doe, Jane"])
     assert told["images"] == [3, 2, 2] and (tmp_path / "out/public/commitment.sha256").exists()
     assert "Doe" in (tmp_path / "out/public/CITATION.cff").read_text()
+    with zipfile.ZipFile(next((tmp_path / "out/public").glob("*-test.zip"))) as archive:
+        archive.extractall(tmp_path / "test")
+    test = ms.open(next((tmp_path / "test").iterdir()))
+    assert len(test) == len(test.images) == 2 and len(test.frames) == 2
     again = ms.release(dataset, tmp_path / "out", resume=True)
     assert again["out"] == str(tmp_path / "out")
     with pytest.raises(FileExistsError):

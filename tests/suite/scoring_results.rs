@@ -267,6 +267,7 @@ fn what_does_not_fit_a_dataset_is_told() {
 
     let partial = place.path().join("dataset.partial");
     std::fs::rename(&dataset, &partial).unwrap();
+    std::fs::remove_file(partial.join("SHA256SUMS")).unwrap();
     let tracks = partial.join("truth/tracks.csv");
     for arguments in [
         vec!["evaluate", path(&partial), path(&tracks)],

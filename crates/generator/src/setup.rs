@@ -178,8 +178,7 @@ impl Recording {
         frames: u32,
         dt_s: f64,
     ) -> Result<Self> {
-        let sequence = Sequence { frames, dt_s, exposure_s: 0.0, flashes: None, jitter_s: 0.0 };
-        Self::timed(flow, cloud, scope, Timing::Sequence(sequence))
+        Self::timed(flow, cloud, scope, Timing::Sequence(Sequence::new(frames, dt_s)))
     }
 
     /// A recording at any times. Files that the keys name are relative to the working directory.

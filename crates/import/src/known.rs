@@ -20,6 +20,21 @@ pub(crate) struct Known {
     all_particles: bool,
 }
 
+/// A column that one table of particles has and another has not: its absent values are not zeros.
+fn same_columns(a: (&Path, &[&str]), b: (&Path, &[&str])) -> Result<()> {
+    let missing = |(path, of): (&Path, &[&str]), (_, there): (&Path, &[&str])| {
+        there.iter().find(|name| !of.contains(name)).map(|name| (path.to_owned(), (*name).to_owned()))
+    };
+    match missing(a, b).map(|found| (found, b.0)).or_else(|| missing(b, a).map(|found| (found, a.0))) {
+        None => Ok(()),
+        Some(((path, name), other)) => Err(Error::input(format!(
+            "{}: has no column {name}, which {} has: expected tables of particles with the same columns",
+            path.display(),
+            other.display()
+        ))),
+    }
+}
+
 /// Columns of tables of particles that are kept.
 const COLUMNS: [&str; 6] = ["frame", "track", "x_px", "y_px", "z_um", "d_um"];
 
@@ -28,7 +43,8 @@ impl Known {
     /// `z_um`, `track`) positions of particles.
     ///
     /// # Errors
-    /// A table with other columns; values that do not fit the recording, by file and line.
+    /// A table with other columns, or tables of particles that differ in these; values that do not fit the
+    /// recording, by file and line.
     pub(crate) fn read(
         files: &[PathBuf],
         all_particles: bool,
@@ -36,12 +52,17 @@ impl Known {
         (width, height): (usize, usize),
     ) -> Result<Self> {
         let mut known = Known { all_particles, ..Known::default() };
+        let mut first: Option<(&PathBuf, Vec<&'static str>)> = None;
         for file in files {
             let table = TableReader::open(file)?;
             let has = |name: &str| table.column(name).is_some();
             let (has_places, has_visible) = (has("x_px") && has("y_px"), has("visible"));
             if has_places {
-                known.columns = COLUMNS.into_iter().filter(|name| has(name)).collect();
+                let columns = COLUMNS.into_iter().filter(|name| has(name)).collect();
+                match &first {
+                    None => first = Some((file, columns)),
+                    Some((other, of)) => same_columns((other, of), (file, &columns))?,
+                }
                 table.rows(&["frame", "x_px", "y_px"], |_, row: TrackRow| {
                     in_frames(row.frame, frames)?;
                     // The truth of a dataset also lists particles that no image shows.
@@ -72,6 +93,7 @@ impl Known {
                 "--all-particles: expected with --truth and a table of particles".to_owned(),
             ));
         }
+        known.columns = first.map_or_else(Vec::new, |(_, columns)| columns);
         known.planes.sort_by_key(|row| row.frame);
         known.particles.sort_by_key(|row| row.frame);
         known.fill_in_heights();
@@ -155,5 +177,29 @@ fn within(name: &str, value: f64, size: usize) -> std::result::Result<(), String
         Ok(())
     } else {
         Err(format!("{name} = {value}: expected {low} to {high}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_of_particles_have_the_same_columns() {
+        let said = |a: &[&str], b: &[&str]| {
+            same_columns((Path::new("a.csv"), a), (Path::new("b.csv"), b)).map_err(|e| e.to_string())
+        };
+        assert_eq!(said(&["frame", "x_px"], &["frame", "x_px"]), Ok(()));
+        let more = ["frame", "x_px", "track"];
+        assert!(
+            said(&["frame", "x_px"], &more)
+                .unwrap_err()
+                .starts_with("a.csv: has no column track, which b.csv has")
+        );
+        assert!(
+            said(&more, &["frame", "x_px"])
+                .unwrap_err()
+                .starts_with("b.csv: has no column track, which a.csv has")
+        );
     }
 }

@@ -94,6 +94,13 @@ pub struct Sequence {
     pub jitter_s: f64,
 }
 
+impl Sequence {
+    /// A sequence with defaults for all other keys.
+    pub fn new(frames: u32, dt_s: f64) -> Self {
+        Sequence { frames, dt_s, exposure_s: 0.0, flashes: None, jitter_s: 0.0 }
+    }
+}
+
 /// Bursts of four frames at 0, dt, dt + gap and 2 dt + gap.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FourPulse {

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::checksums::SHA256SUMS;
 use super::interrupt::Temporary;
 use super::journal::{self, JOURNAL, Journal, Listing};
 use super::lock::FolderLock;
@@ -51,9 +52,10 @@ fn beside(path: &Path, before: &str, after: &str) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Whether the name of a folder marks it as unfinished.
+/// Whether a folder is an unfinished dataset: it has the name of one, and a journal or no checksums yet.
 pub fn is_partial(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e == "partial")
+    let is_complete = || path.join(SHA256SUMS).is_file() && !path.join(JOURNAL).exists();
+    path.extension().is_some_and(|e| e == "partial") && !is_complete()
 }
 
 /// Permission to create a folder: the process holds its lock.

@@ -105,7 +105,7 @@ pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
         // Ranks use all digits.
         let released = redacted(&score)?;
         let mut shown = Entry::of(entry.name, &released, entry.units);
-        (shown.rank, shown.tracker) = (entry.rank, entry.tracker);
+        (shown.rank, shown.is_tied, shown.tracker) = (entry.rank, entry.is_tied, entry.tracker);
         Ok((shown, released))
     };
     let scores: Vec<(Entry, Score)> = scores.into_iter().map(shown).collect::<Result<_>>()?;

@@ -38,6 +38,12 @@ const EXACT: [&str; 6] = ["definitions", "counts", "from", "to", "z_over_h", "wa
 /// Rules among the results. The gate of reference nodes is none of them: it follows from the true field.
 const RULES: [&str; 3] = ["gate_xy_px", "gate_z_um", "plane_um"];
 
+/// Distances in px, as those whose keys end with `_px`.
+const DISTANCES: [&str; 4] = ["rmse", "std_distance", "motp", "interval_motp"];
+
+/// Scores with a gate of their own, `gate_px`, which is a rule.
+const ISBI: [&str; 2] = ["isbi", "isbi_2d"];
+
 /// Writes `score.json`, and `report.html` if asked for, into the folder `for_team`; returns their names.
 pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let folder = folder.join(FOLDER);
@@ -100,7 +106,8 @@ fn links(score: &Score) -> usize {
 /// submission could ask about many particles at once; the mean score of claims (CRPS) is limited to the gate
 /// for each particle, as errors are. The errors of points in one frame give the height of its plane. Errors of
 /// velocity have no upper limit: velocities that are wrong by 1, 2, 4, ... would be weights, and the RMS error
-/// would tell which of many moved rows are matched. HOTA at each threshold is a score at another gate.
+/// would tell which of many moved rows are matched. HOTA at each threshold is a score at another gate. What is another
+/// score times a known factor would have other digits.
 fn without_details(score: &Score) -> Score {
     let whole = score.clone();
     // Each group is named, so that a new one is withheld or published on purpose.
@@ -150,6 +157,7 @@ fn without_details(score: &Score) -> Score {
         let motion = &mut lpt.motion;
         (motion.velocity_rms_um_s, motion.velocity_rms_relative, motion.velocity_rms_z_um_s) =
             Default::default();
+        (motion.acceleration_rms_um_s2, motion.acceleration_rms_relative) = Default::default();
         lpt.interval.velocity_rms_um_s = None;
     }
     if let Some(field) = &mut score.field {
@@ -157,6 +165,7 @@ fn without_details(score: &Score) -> Score {
             (errors.uncertainty, errors.uncertainty_ratio_u) = Default::default();
             (errors.coverage_1s_u, errors.coverage_2s_u, errors.coverage_1s_u_inliers) = Default::default();
             errors.peak_locking.bias_curve_px.clear();
+            errors.aee_per_100px = None;
             errors.spectra.clear();
         }
     }
@@ -181,8 +190,13 @@ fn with_questions(score: &Score) -> Score {
 /// The score of a result that hardly overlaps with the truth: counts only.
 fn without_scores(score: &Score) -> Score {
     let mut warnings = score.warnings.clone();
-    warnings.push(format!("fewer than {FEWEST} particles or vectors could be compared: scores are withheld"));
+    let why = format!("fewer than {FEWEST} particles or vectors could be compared: scores are withheld");
+    // A score that was published may be compared.
+    if !warnings.contains(&why) {
+        warnings.push(why);
+    }
     Score {
+        truth_is_secret: score.truth_is_secret,
         dataset: score.dataset.clone(),
         result: score.result.clone(),
         counts: score.counts.clone(),
@@ -222,8 +236,18 @@ impl Rounding {
             Value::Object(fields) => {
                 let of = |count: &str| fields.get(count).and_then(Value::as_u64).map(|n| n as usize);
                 let own = if key == "lpt" { Some(self.links) } else { of("tp").or_else(|| of("n")) };
-                let inner = Rounding { n: own.map_or(self.n, |n| n.max(FEWEST)), ..self };
-                fields.into_iter().map(|(key, value)| (key.clone(), inner.of(&key, value))).collect()
+                let own_gate = fields.get("gate_px").filter(|_| ISBI.contains(&key)).cloned();
+                let gate_px = own_gate.as_ref().and_then(Value::as_f64).unwrap_or(self.gate.0);
+                let inner = Rounding {
+                    n: own.map_or(self.n, |n| n.max(FEWEST)),
+                    gate: (gate_px, self.gate.1),
+                    ..self
+                };
+                let rounded = fields.into_iter().map(|(key, value)| match (&own_gate, key.as_str()) {
+                    (Some(gate), "gate_px") => (key, gate.clone()),
+                    _ => (key.clone(), inner.of(&key, value)),
+                });
+                rounded.collect()
             }
             other => other,
         }
@@ -232,7 +256,7 @@ impl Rounding {
     /// Approximately the largest change of an average that one particle can cause.
     fn step(self, key: &str, value: f64) -> f64 {
         let size = match key {
-            key if key.ends_with("_px") => self.gate.0,
+            key if key.ends_with("_px") || DISTANCES.contains(&key) => self.gate.0,
             key if key.ends_with("_um") && self.gate.1.is_finite() => self.gate.1,
             key if key.ends_with("_deg") => 90.0,
             // The gate is a tenth of the depth range.
@@ -260,6 +284,8 @@ fn rounded(exact: f64, least: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
     use scoring::evaluate::PositionUncertainty;
     use scoring::evaluate::crlb::Crlb;
@@ -270,6 +296,7 @@ mod tests {
     use scoring::evaluate::lpt::Lpt;
     use scoring::evaluate::motion::Motion;
     use scoring::evaluate::planes::PlaneScore;
+    use scoring::evaluate::score_keys::{ScoreKey, score_keys};
     use scoring::evaluate::uncertainty::Uncertainty;
 
     #[test]
@@ -308,6 +335,64 @@ mod tests {
             rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.17 }))["displacement_bias_x_px"],
             0.2
         );
+    }
+
+    /// Scores without a unit, which one particle changes by at most its share, or which are withheld: a new one is added on
+    /// purpose.
+    #[test]
+    fn no_distance_is_published_with_the_digits_of_a_share() {
+        let rounding = Rounding { n: 60, links: 60, gate: (2.0, 10.0) };
+        let isbi = json!({ "gate_px": 5.432, "rmse": 0.2778, "std_distance": 0.1234, "interval": { "rmse": [0.2511, 0.3149] } });
+        assert_eq!(
+            rounding.of("isbi_2d", isbi),
+            json!({ "gate_px": 5.432, "rmse": 0.3, "std_distance": 0.1, "interval": { "rmse": [0.3, 0.3] } })
+        );
+        assert_eq!(rounding.of("motp", json!(0.2778)), json!(0.3));
+        let group = |path: &str| path.split(['.', '[']).next().unwrap_or_default().to_owned();
+        let withheld =
+            ["curves", "gates", "uncertainty", "crlb", "planes", "definitions", "counts", "hints", "offset"];
+        let is_share = |key: &ScoreKey| key.range.1.is_some();
+        let mut others: Vec<String> = score_keys()
+            .into_iter()
+            .filter(|key| key.is_float && key.unit().is_empty() && !is_share(key))
+            .filter(|key| !withheld.contains(&group(&key.path).as_str()))
+            .map(|key| key.path.rsplit('.').next().unwrap_or_default().to_owned())
+            .filter(|name| !DISTANCES.contains(&name.as_str()))
+            .collect();
+        others.sort_unstable();
+        others.dedup();
+        let known = [
+            "acceleration_rms_relative",
+            "aogm",
+            "claimed_rms",
+            "divergence_rms",
+            "error_rms",
+            "fragments_per_truth",
+            "ghost",
+            "interval_mota",
+            "interval_response",
+            "max_distance",
+            "mean_length",
+            "mean_repeats",
+            "median_length",
+            "min_distance",
+            "modulation_u",
+            "modulation_v",
+            "mota",
+            "nepe",
+            "ratio",
+            "response",
+            "sigma_z_over_h",
+            "strain_rms",
+            "true_divergence_rms",
+            "true_strain_rms",
+            "true_vorticity_rms",
+            "truths_per_result",
+            "uncertainty_ratio_u",
+            "velocity_rms_relative",
+            "vorticity_rms",
+        ];
+        assert_eq!(others, known);
     }
 
     #[test]

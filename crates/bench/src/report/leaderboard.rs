@@ -22,6 +22,9 @@ const BIAS_PX: f64 = 0.25;
 pub struct Entry {
     /// Rank among the scores of its kind (within one dataset for cases of a sweep).
     pub rank: usize,
+    /// Whether another score has this rank.
+    #[serde(skip)]
+    pub is_tied: bool,
     /// Name of the score, from its folder.
     pub name: String,
     /// Name of the tracker, the same for all its cases of a sweep.
@@ -103,10 +106,11 @@ impl ResultKind {
 
 impl Entry {
     pub(super) fn of(name: String, score: &Score, units: Option<Arc<UnitScores>>) -> Self {
-        let kind = match &score.detection {
-            None if score.field.is_some() => ResultKind::Field,
-            None if score.planes.is_some() => ResultKind::Planes,
-            _ if score.definitions.dims == 2 => ResultKind::Particles2D,
+        // Scores of few particles or vectors may be withheld, but not their kind.
+        let kind = match (score.detection.is_some(), score.definitions.dims) {
+            (false, _) if score.planes.is_some() && score.field.is_none() => ResultKind::Planes,
+            (false, 0) => ResultKind::Field,
+            (_, 2) => ResultKind::Particles2D,
             _ => ResultKind::Particles3D,
         };
         let scores: Vec<_> = SCORES.iter().map(|def| def.measured(score)).collect();
@@ -229,9 +233,11 @@ pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
     });
     let mut ranked = Vec::with_capacity(scores.len());
     for same in scores.chunk_by(|a, b| case(&a.0, &datasets) == case(&b.0, &datasets)) {
-        ranked.extend(in_order(same).into_iter().map(|(i, rank)| {
+        let order = in_order(same);
+        ranked.extend(order.iter().map(|&(i, rank)| {
             let (entry, score) = &same[i];
-            (Entry { rank, ..entry.clone() }, score.clone())
+            let is_tied = order.iter().filter(|other| other.1 == rank).count() > 1;
+            (Entry { rank, is_tied, ..entry.clone() }, score.clone())
         }));
     }
     ranked
@@ -288,14 +294,14 @@ const WIDTH: usize = 36;
 
 /// The leaderboard in 80 columns.
 pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
-    let tied = |e: &Entry| {
-        entries.iter().filter(|o| (o.kind, o.rank, &o.group) == (e.kind, e.rank, &e.group)).count() > 1
-    };
     let rank = |e: &Entry| {
-        format!("{}{}{}", e.rank, if tied(e) { "=" } else { "" }, if e.biased { "!" } else { "" })
+        format!("{}{}{}", e.rank, if e.is_tied { "=" } else { "" }, if e.biased { "!" } else { "" })
     };
     let name = |e: &Entry| {
         let whole = storage::shown::name(&e.name);
+        // The case is the heading of its rows.
+        let is_short = whole.chars().count() <= 14 || e.axes.is_empty() || e.tracker.is_empty();
+        let whole = if is_short { whole } else { storage::shown::name(&e.tracker) };
         let name: String = whole.chars().take(14).collect();
         if name.len() < whole.len() { name + "~" } else { name }
     };
@@ -408,9 +414,15 @@ mod tests {
             let score = Score { detection, definitions, ..Score::default() };
             (Entry::of(name.to_owned(), &score, None), score)
         };
-        let ranked = ranked(vec![entry("flat", 2, 0.99), entry("deep", 3, 0.6), entry("deeper", 3, 0.7)]);
-        let found: Vec<(&str, usize)> = ranked.iter().map(|(e, _)| (e.name.as_str(), e.rank)).collect();
-        assert_eq!(found, [("deeper", 1), ("deep", 2), ("flat", 1)]);
+        let scores = ["deep", "same"]
+            .map(|name| entry(name, 3, 0.6))
+            .into_iter()
+            .chain([entry("flat", 2, 0.99), entry("deeper", 3, 0.7)]);
+        let ranked = ranked(scores.collect());
+        let found: Vec<_> = ranked.iter().map(|(e, _)| (e.name.as_str(), e.rank, e.is_tied)).collect();
+        assert_eq!(found, [("deeper", 1, false), ("deep", 2, true), ("same", 2, true), ("flat", 1, false)]);
+        // The scores of fields with few vectors are withheld.
+        assert_eq!(Entry::of("few".to_owned(), &Score::default(), None).kind, ResultKind::Field);
     }
 
     #[test]

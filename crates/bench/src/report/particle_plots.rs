@@ -9,6 +9,7 @@ use scoring::evaluate::curves::{Bin, Curve, NEIGHBOR_PX};
 use scoring::evaluate::detection::{error, per_frame};
 use scoring::evaluate::lpt::LENGTHS;
 use scoring::evaluate::matching::NONE;
+use scoring::evaluate::motion::VelocitySource;
 use scoring::evaluate::statistics::Errors;
 use scoring::evaluate::{Particles, Score};
 use storage::error::Result;
@@ -182,8 +183,13 @@ fn profile(score: &Score, of: &Particles) -> Result<Option<Markup>> {
         return Ok(None);
     }
     let labels = AxisLabels { x: "true depth z, um", y: "velocity u, um/s", title: "Velocity profile" };
-    let from = score.lpt.as_ref().and_then(|l| l.motion.velocity_from.as_deref()).unwrap_or("positions");
-    let from = if from == "result" { "as reported by the result" } else { "from differences of positions" };
+    let from = match score.lpt.as_ref().and_then(|l| l.motion.velocity_from) {
+        Some(VelocitySource::Result) => "as reported by the result",
+        Some(VelocitySource::Both) => {
+            "as reported by the result or, where it reports none, from differences of positions"
+        }
+        Some(VelocitySource::Positions) | None => "from differences of positions",
+    };
     let caption = format!(
         "Velocity along x over depth, {from}: means in bins of depth; bars are the standard deviation in a bin."
     );

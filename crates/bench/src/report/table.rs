@@ -5,6 +5,7 @@ use std::fmt::Write;
 use scoring::evaluate::Score;
 use scoring::evaluate::crlb::{BoundBin, Crlb};
 use scoring::evaluate::field::{ComponentErrors, FieldErrors};
+use scoring::evaluate::motion::VelocitySource;
 use scoring::evaluate::statistics::quantile;
 use scoring::evaluate::uncertainty::Uncertainty;
 
@@ -266,7 +267,11 @@ fn tracks(out: &mut String, score: &Score) {
             n(l.ghost),
             n(m.displacement_rms_px),
             n(m.velocity_rms_um_s),
-            if m.velocity_from.as_deref() == Some("positions") { " (of positions)" } else { "" },
+            match m.velocity_from {
+                Some(VelocitySource::Positions) => " (of positions)",
+                Some(VelocitySource::Both) => " (partly of positions)",
+                Some(VelocitySource::Result) | None => "",
+            },
             acceleration,
             n(l.mean_length),
             n(l.coverage_longest),

@@ -19,6 +19,18 @@ use super::track_set::TrackSet;
 use super::truth::{TrueParticles, same_time};
 use crate::results::{Points, VelocityUnit};
 
+/// Where velocities come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VelocitySource {
+    /// Reported by the result.
+    Result,
+    /// Finite differences of positions.
+    Positions,
+    /// Finite differences where the result reports none.
+    Both,
+}
+
 /// Errors of displacements, velocities and accelerations.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
@@ -35,7 +47,7 @@ pub struct Motion {
     pub displacement_rms_z_um: Option<f64>,
     /// Source of the velocities: `result` (reported by the result), `positions` (finite differences of its
     /// positions), or `both` (finite differences where the result reports none).
-    pub velocity_from: Option<String>,
+    pub velocity_from: Option<VelocitySource>,
     /// RMS error of the in-plane velocity against the exact velocity of the flow, over matched points.
     #[schemars(range(min = 0.0))]
     pub velocity_rms_um_s: Option<f64>,
@@ -181,16 +193,11 @@ impl TrackComparison<'_> {
         (motion.velocity_rms_um_s, motion.velocity_rms_relative) = speed.rms();
         motion.velocity_rms_z_um_s = Errors::of(upward.iter().copied()).rms.filter(|_| self.depth);
         let from = match is_from {
-            [true, true] => "both",
-            [_, is_reported] => {
-                if is_reported {
-                    "result"
-                } else {
-                    "positions"
-                }
-            }
+            [true, true] => VelocitySource::Both,
+            [_, true] => VelocitySource::Result,
+            _ => VelocitySource::Positions,
         };
-        motion.velocity_from = motion.velocity_rms_um_s.map(|_| from.to_owned());
+        motion.velocity_from = motion.velocity_rms_um_s.map(|_| from);
     }
 
     /// Velocity at point `k` of a track, um/s, and whether the result reports it. Where it reports none, the
@@ -375,7 +382,7 @@ mod tests {
         let expected = (2.0 * 200f64.powi(2) / 4.0).sqrt();
         assert!((motion.velocity_rms_um_s.unwrap() / expected - 1.0).abs() < 1e-9, "{motion:?}");
         assert_eq!((motion.acceleration_rms_um_s2, motion.acceleration_rms_px), (Some(0.0), None));
-        assert_eq!(motion.velocity_from.as_deref(), Some("positions"));
+        assert_eq!(motion.velocity_from, Some(VelocitySource::Positions));
     }
 
     #[test]
@@ -389,11 +396,11 @@ mod tests {
         let expected = (f64::from(400 * 400 + 1400 * 1400 + 1800 * 1800) / 4.0).sqrt();
         assert!((motion.velocity_rms_um_s.unwrap() / expected - 1.0).abs() < 1e-9, "{motion:?}");
         assert_eq!(
-            (motion.velocity_from.as_deref(), motion.velocity_rms_z_um_s, note),
-            (Some("result"), None, None)
+            (motion.velocity_from, motion.velocity_rms_z_um_s, note),
+            (Some(VelocitySource::Result), None, None)
         );
         let (motion, note) = burst(all(VelocityUnit::PerFrame, 2.0));
         assert!(note.unwrap().contains("the time between frames varies"));
-        assert_eq!(motion.velocity_from.as_deref(), Some("positions"));
+        assert_eq!(motion.velocity_from, Some(VelocitySource::Positions));
     }
 }

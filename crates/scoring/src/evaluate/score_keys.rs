@@ -22,6 +22,15 @@ pub struct ScoreKey {
     pub meaning: String,
     /// Smallest and largest allowed value.
     pub range: (Option<f64>, Option<f64>),
+    /// Whether it is a number that is not always whole, or a list of such numbers.
+    pub is_float: bool,
+}
+
+impl ScoreKey {
+    /// The unit, from the suffix of the key; empty for numbers.
+    pub fn unit(&self) -> &'static str {
+        unit(&self.path)
+    }
 }
 
 /// All keys, in the order of the file.
@@ -64,7 +73,7 @@ fn table(text: &mut String, title: &str, keys: &[&ScoreKey]) {
         };
         let (path, meaning) = (&key.path, key.meaning.replace('|', "\\|"));
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "| `{path}` | {meaning} | {} | {range} |", unit(&key.path));
+        let _ = writeln!(text, "| `{path}` | {meaning} | {} | {range} |", key.unit());
     }
 }
 
@@ -91,7 +100,12 @@ fn collect(path: &str, schema: &Value, keys: &mut Vec<ScoreKey>) {
     for (name, below) in node.properties() {
         let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
         let of = Node::of(below);
-        keys.push(ScoreKey { path: path.clone(), meaning: of.meaning(), range: of.range() });
+        keys.push(ScoreKey {
+            path: path.clone(),
+            meaning: of.meaning(),
+            range: of.range(),
+            is_float: of.is_float(),
+        });
         if path != "field.truths" {
             collect(&path, below, keys);
         }
@@ -175,6 +189,14 @@ impl<'a> Node<'a> {
 
     fn is_pair(&self) -> bool {
         self.inner.get("maxItems").and_then(Value::as_u64) == Some(2)
+    }
+
+    fn is_float(&self) -> bool {
+        let is = |schema: &Value| match schema.get("type") {
+            Some(Value::Array(types)) => types.iter().any(|of| of == "number"),
+            of => of.is_some_and(|of| of == "number"),
+        };
+        is(self.inner) || self.items().is_some_and(is)
     }
 
     fn meaning(&self) -> String {

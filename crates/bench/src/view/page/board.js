@@ -91,6 +91,12 @@ export class BoardPage {
       this.table.replaceChildren(el("p", { class: "note" }, `No results: list them after the ${this.about.is_sweep ? "sweep" : "dataset"}, ${what}`), this.datasets());
       return;
     }
+    // A board of fields has no F1.
+    const has = ({ path }) => rows.some(({ entry }) => (entry?.scores[path] ?? null) !== null);
+    const columns = this.about.columns.filter(has);
+    if (columns.length && !columns.some(({ path }) => path === this.score.value)) {
+      this.score.value = columns[0].path;
+    }
     this.drawTable(rows);
     this.drawChart(rows);
   }
@@ -166,11 +172,12 @@ export class BoardPage {
     if (!this.about.is_sweep) {
       return;
     }
-    const axis = Number(this.axis.value);
+    let axis = Number(this.axis.value);
     const position = ({ d, dataset }) => (axis < 0 ? d : dataset.numbers[axis] ?? NaN);
     if (rows.some((row) => Number.isNaN(position(row)))) {
+      say(`the values of ${this.about.axes[axis]} are not numbers; the curve is drawn over cases`);
       this.axis.value = "-1";
-      return say(`the values of ${this.about.axes[axis]} are not numbers; the curve is drawn over cases`);
+      axis = -1;
     }
     const { value: path } = this.score;
     const column = this.about.columns.find((one) => one.path === path);

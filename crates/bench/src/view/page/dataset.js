@@ -297,10 +297,10 @@ export class DatasetPage {
           {},
           el("legend", {}, "Truth"),
           about.depth_um ? depthBar(about.depth_um) : null,
-          el("div", { class: "row" }, check("Circles of the image's size", true, set("circles")), check("IDs", false, set("ids"))),
-          el("div", { class: "row" }, check("Velocity", true, set("arrows"), "Displacement during one time step"), field("times", numberBox("magnify", "Magnification of arrows", 0.1, 1000))),
-          el("div", { class: "row" }, check("Tails", false, set("tails")), field("frames", numberBox("tail", "Length of tails", 1, 100))),
-          about.has_field ? el("div", { class: "row" }, check("Field", false, (isOn) => (set("field")(isOn), this.loadField()), "truth/field.csv"), this.planes) : null,
+          el("div", { class: "row" }, check("Circles of the image's size", this.options.circles, set("circles")), check("IDs", this.options.ids, set("ids"))),
+          el("div", { class: "row" }, check("Velocity", this.options.arrows, set("arrows"), "Displacement during one time step"), field("times", numberBox("magnify", "Magnification of arrows", 0.1, 1000))),
+          el("div", { class: "row" }, check("Tails", this.options.tails, set("tails")), field("frames", numberBox("tail", "Length of tails", 1, 100))),
+          about.has_field ? el("div", { class: "row" }, check("Field", this.options.field, (isOn) => (set("field")(isOn), this.loadField()), "truth/field.csv"), this.planes) : null,
         )
       : el("p", { class: "note" }, "The truth of this dataset is withheld.");
     this.side.replaceChildren(
@@ -379,7 +379,9 @@ export class DatasetPage {
       if (this.field.weighted_dx_px) {
         names.push(["weighted", "depth-weighted"]);
       }
-      const had = this.options.plane ?? names[Math.floor((names.length - 1) / 2)][0];
+      // The plane may be one of a dataset that was open before.
+      const isThere = names.some(([value]) => value === this.options.plane);
+      const had = isThere ? this.options.plane : names[Math.floor((names.length - 1) / 2)][0];
       this.planes.replaceChildren(...names.map(([value, text]) => el("option", { value }, text)));
       this.planes.value = had;
       this.options.plane = had;

@@ -283,19 +283,21 @@ export class ResultPage {
     };
     const range = (name, label) => {
       const box = (k, text) =>
-        el("input", { type: "number", step: "any", placeholder: text, "aria-label": `${label}, ${text}`, oninput: (e) => set((value) => (options[name][k] = value))(e.target.value) });
+        el("input", { type: "number", step: "any", placeholder: text, value: options[name][k], "aria-label": `${label}, ${text}`, oninput: (e) => set((value) => (options[name][k] = value))(e.target.value) });
       return el("div", { class: "row range" }, el("span", {}, label), box(0, "min"), box(1, "max"));
     };
     const select = (name, pairs, label) => {
       const list = el("select", { "aria-label": label, onchange: () => set(() => (options[name] = list.value))() });
       list.append(...pairs.map(([value, text]) => el("option", { value }, text)));
+      list.value = options[name];
       return list;
     };
-    const isField = this.panes[0].about.is_field;
+    const particles = this.panes.filter((pane) => !pane.about.is_field);
+    const isField = particles.length === 0;
     const magnify = el("input", { type: "number", min: "1", max: "1000", value: String(options.magnify), "aria-label": "Magnification of errors", onchange: (e) => set((v) => (options.magnify = v))(Number(e.target.value)) });
     const of = el("select", { "aria-label": "Result of the list", onchange: () => ((this.listed = Number(of.value)), this.listWorst()) });
-    of.append(...this.panes.map((pane, k) => el("option", { value: String(k) }, pane.name)));
-    this.listed = 0;
+    of.append(...particles.map((pane) => el("option", { value: String(this.panes.indexOf(pane)) }, pane.name)));
+    this.listed = Math.max(0, this.panes.indexOf(particles[0]));
     const parts = [
       el(
         "fieldset",
@@ -304,12 +306,12 @@ export class ResultPage {
         isField
           ? null
           : el("div", { class: "row" }, KINDS.map(({ name, color }, k) => {
-              const box = check(name, true, set((isOn) => (options.kinds[k] = isOn)));
+              const box = check(name, options.kinds[k], set((isOn) => (options.kinds[k] = isOn)));
               box.style.color = color;
               box.classList.add("kind");
               return box;
             })),
-        el("div", { class: "row" }, check("Errors", true, set((isOn) => (options.errors = isOn))), field("times", magnify), isField || !this.panes.some((pane) => pane.about.is_linked) ? null : check("Links", true, set((isOn) => (options.links = isOn)), "To the track's position in the previous frame; wrong links are dashed, switches are marked \u21c4")),
+        el("div", { class: "row" }, check("Errors", options.errors, set((isOn) => (options.errors = isOn))), field("times", magnify), isField || !this.panes.some((pane) => pane.about.is_linked) ? null : check("Links", options.links, set((isOn) => (options.links = isOn)), "To the track's position in the previous frame; wrong links are dashed, switches are marked \u21c4")),
       ),
       isField ? null : el("fieldset", {}, el("legend", {}, "Filter"), range("z", "z, \u00b5m"), range("snr", "SNR"), range("overlap", "overlap")),
       isField
@@ -321,14 +323,14 @@ export class ResultPage {
             el(
               "div",
               { class: "row" },
-              this.panes.length > 1 ? of : null,
+              particles.length > 1 ? of : null,
               select("kind", [["", "all"], ["0", "found"], ["1", "missed"], ["2", "ghosts"]], "Which points"),
               select("by", [["0", "error in x, y"], ["1", "error in z"], ["2", "frame"]], "Sorted by"),
-              this.panes.some((pane) => pane.about.is_linked) ? check("switches", false, set((isOn) => (options.switches = isOn))) : null,
+              this.panes.some((pane) => pane.about.is_linked) ? check("switches", options.switches, set((isOn) => (options.switches = isOn))) : null,
             ),
             this.list,
           ),
-      ...(isField ? this.panes.map((pane) => pane.fieldScores()) : []),
+      ...this.panes.filter((pane) => pane.about.is_field).map((pane) => pane.fieldScores()),
       el("details", {}, el("summary", {}, "Contrast"), this.contrast.element),
       isField ? null : this.counts.element,
       this.notes,
@@ -383,11 +385,10 @@ export class ResultPage {
       return;
     }
     const { z, snr, overlap, kind, by, switches } = this.options;
-    const query = new URLSearchParams({ by, z: z.join(), snr: snr.join(), overlap: overlap.join(), switches: switches ? "1" : "0" });
-    if (kind !== "") {
-      query.set("kind", kind);
-    }
-    const found = await getJson(`${pane.path}/worst?${query.toString().replaceAll("%2C", ",")}`);
+    // Digits, signs and commas only, which need no escapes.
+    const range = (ends) => ends.map((end) => (end === "" ? "" : String(Number(end)))).join();
+    const query = { by, z: range(z), snr: range(snr), overlap: range(overlap), switches: switches ? "1" : "0", ...(kind === "" ? {} : { kind }) };
+    const found = await getJson(`${pane.path}/worst?${Object.entries(query).map((part) => part.join("=")).join("&")}`);
     const rows = found.columns;
     const n = rows.frame?.length ?? 0;
     this.list.replaceChildren(
