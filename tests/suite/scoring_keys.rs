@@ -30,6 +30,14 @@ fn scores_of_tables_have_paths_of_keys() {
 }
 
 #[test]
+fn scores_that_rank_stand_in_the_docs_of_suites() {
+    let found = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/suite.md")).unwrap();
+    let ranks = SCORES.iter().filter(|def| def.metric.is_some()).map(|def| format!("`{}`", def.name));
+    let missing: Vec<String> = ranks.filter(|name| !found.contains(name)).collect();
+    assert_eq!(missing, [""; 0]);
+}
+
+#[test]
 fn a_score_is_read_as_it_was_written() {
     let (truth, points) = scene();
     let score = scores(&truth, &points);

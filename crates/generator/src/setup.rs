@@ -29,8 +29,8 @@ use microsig_core::Particle;
 use microsig_core::sensor::Image;
 use rayon::prelude::*;
 use scenario::spec::{
-    Boundaries, Calibration, Diameter, Motion, Number, Optics, PairSeeding, Pairs, Particles, Preset, Render,
-    RenderMode, Sensor, Sequence, Spec, Timing,
+    Boundaries, Calibration, Diameter, Motion, Number, Optics, Pairs, Particles, Preset, Render, RenderMode,
+    Sensor, Sequence, Spec, Timing,
 };
 use scenario::{Scenario, build};
 use storage::error::Result;
@@ -155,16 +155,7 @@ impl Recording {
     /// # Errors
     /// Values that are out of range or contradict each other.
     pub fn pair(flow: impl Into<Motion>, cloud: &Cloud, scope: &Microscope, dt_s: f64) -> Result<Self> {
-        let pairs = Pairs {
-            count: 1,
-            dt_s,
-            interval_s: 0.0,
-            seeding: PairSeeding::Fresh,
-            exposure_s: 0.0,
-            flashes: None,
-            jitter_s: 0.0,
-        };
-        Self::timed(flow, cloud, scope, Timing::Pairs(pairs))
+        Self::timed(flow, cloud, scope, Timing::Pairs(Pairs::new(1, dt_s)))
     }
 
     /// A time-resolved sequence of `frames` frames, `dt_s` (s) apart.

@@ -59,6 +59,14 @@ pub struct Pairs {
     pub jitter_s: f64,
 }
 
+impl Pairs {
+    /// Independent pairs with defaults for all other keys.
+    pub fn new(count: u32, dt_s: f64) -> Self {
+        let (exposure_s, flashes, jitter_s) = (0.0, None, 0.0);
+        Pairs { count, dt_s, interval_s: 0.0, seeding: PairSeeding::Fresh, exposure_s, flashes, jitter_s }
+    }
+}
+
 /// Whether consecutive pairs show the same particles.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
