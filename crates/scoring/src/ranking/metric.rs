@@ -7,7 +7,6 @@ use serde::Serialize;
 use super::paired::{Draws, OfResamples, resampled};
 use crate::evaluate::field::FieldScore;
 use crate::evaluate::hota::{self, SUMS};
-use crate::evaluate::planes::PlaneScore;
 use crate::evaluate::statistics::{Interval, ratio};
 use crate::evaluate::{Score, UnitScores};
 
@@ -163,31 +162,12 @@ pub fn ranks_fields(criteria: &[Metric]) -> bool {
     criteria.first().is_some_and(|metric| ScoreDef::of(*metric).subject == Subject::Field)
 }
 
-/// Name, path, label and unit of a score of particles, which values are better, value and interval.
-const fn particles(
-    texts: [&'static str; 4],
-    better: Better,
-    get: fn(&Score) -> Option<Measured>,
-) -> ScoreDef {
-    ScoreDef::new(Subject::Particles, texts, better, get)
-}
-
-/// The same of fields.
-macro_rules! field {
-    ($texts:expr, $better:expr, $get:expr) => {
-        ScoreDef::new(Subject::Field, $texts, $better, |score| {
-            let get: fn(&FieldScore) -> Measured = $get;
-            score.field.as_ref().map(get)
-        })
-    };
-}
-
-/// The same of depths in known planes; these have no interval.
-macro_rules! planes {
-    ($texts:expr, $better:expr, $get:expr) => {
-        ScoreDef::new(Subject::Planes, $texts, $better, |score| {
-            let get: fn(&PlaneScore) -> Option<f64> = $get;
-            Some((get(score.planes.as_ref()?), None))
+/// A score: what it describes, the part of [`Score`] that has it, its name, path, label and unit, which values are better,
+/// value and interval.
+macro_rules! score {
+    ($subject:ident $of:ident in $part:ident: $texts:expr, $better:expr, $value:expr, $ends:expr) => {
+        ScoreDef::new(Subject::$subject, $texts, $better, |score| {
+            score.$part.as_ref().map(|$of| ($value, $ends))
         })
     };
 }
@@ -197,121 +177,96 @@ use Compared::{Errors, Interval as Ends, Resamples};
 
 /// All scores of tables and rankings.
 pub static SCORES: &[ScoreDef] = &[
-    particles(["f1", "detection.f1", "F1", ""], Greater, |s| {
-        s.detection.as_ref().map(|d| (d.f1, d.interval.f1))
-    })
-    .ranks(Metric::F1, Resamples(f1))
-    .heading("F1")
-    .criterion(),
-    particles(["recall", "detection.recall", "recall", ""], Greater, |s| {
-        s.detection.as_ref().map(|d| (d.recall, d.interval.recall))
-    })
+    score!(Particles d in detection: ["f1", "detection.f1", "F1", ""], Greater, d.f1, d.interval.f1)
+        .ranks(Metric::F1, Resamples(f1))
+        .heading("F1")
+        .criterion(),
+    score!(Particles d in detection: ["recall", "detection.recall", "recall", ""], Greater,
+        d.recall, d.interval.recall)
     .ranks(Metric::Recall, Resamples(found_per_true))
     .heading("recall"),
-    particles(["precision", "detection.precision", "precision", ""], Greater, |s| {
-        s.detection.as_ref().map(|d| (d.precision, d.interval.precision))
-    })
+    score!(Particles d in detection: ["precision", "detection.precision", "precision", ""], Greater,
+        d.precision, d.interval.precision)
     .ranks(
         Metric::Precision,
         Resamples(|u, draws| resampled(&u.detection, draws, |[tp, _, fp]| ratio(tp, tp + fp))),
     )
     .headline(),
-    particles(["rmse_xy_px", "detection.rmse_xy_px", "RMSE xy", "px"], Smaller, |s| {
-        s.detection.as_ref().map(|d| (d.rmse_xy_px, d.interval.rmse_xy_px))
-    })
+    score!(Particles d in detection: ["rmse_xy_px", "detection.rmse_xy_px", "RMSE xy", "px"], Smaller,
+        d.rmse_xy_px, d.interval.rmse_xy_px)
     .ranks(Metric::RmseXyPx, Errors(|u| &u.xy))
     .heading("xy px")
     .criterion(),
-    particles(["rmse_z_um", "detection.rmse_z_um", "RMSE z", "um"], Smaller, |s| {
-        s.detection.as_ref().map(|d| (d.rmse_z_um, None))
-    }),
-    particles(["bias_x_px", "detection.bias_x_px", "bias x", "px"], NearZero, |s| {
-        s.detection.as_ref().map(|d| (d.bias_x_px, None))
-    })
+    score!(Particles d in detection: ["rmse_z_um", "detection.rmse_z_um", "RMSE z", "um"], Smaller,
+        d.rmse_z_um, None),
+    score!(Particles d in detection: ["bias_x_px", "detection.bias_x_px", "bias x", "px"], NearZero,
+        d.bias_x_px, None)
     .headline(),
-    particles(["bias_y_px", "detection.bias_y_px", "bias y", "px"], NearZero, |s| {
-        s.detection.as_ref().map(|d| (d.bias_y_px, None))
-    }),
-    particles(["sigma_z_over_h", "gdpt.sigma_z_over_h", "sigma z / h", ""], Smaller, |s| {
-        s.gdpt.as_ref().map(|g| (g.sigma_z_over_h, g.interval.sigma_z_over_h))
-    })
+    score!(Particles d in detection: ["bias_y_px", "detection.bias_y_px", "bias y", "px"], NearZero,
+        d.bias_y_px, None),
+    score!(Particles g in gdpt: ["sigma_z_over_h", "gdpt.sigma_z_over_h", "sigma z / h", ""], Smaller,
+        g.sigma_z_over_h, g.interval.sigma_z_over_h)
     .ranks(Metric::SigmaZOverH, Errors(|u| &u.z))
     .heading("z / h")
     .criterion(),
-    particles(["crps_xy_px", "crps.xy_px", "CRPS xy", "px"], Smaller, |s| {
-        s.crps.as_ref().map(|c| (c.xy_px, c.interval_xy_px))
-    })
+    score!(Particles c in crps: ["crps_xy_px", "crps.xy_px", "CRPS xy", "px"], Smaller,
+        c.xy_px, c.interval_xy_px)
     .ranks(Metric::CrpsXyPx, Resamples(|u, draws| resampled(&u.crps, draws, |[n, xy, _]| ratio(xy, n)))),
-    particles(["crps_z_um", "crps.z_um", "CRPS z", "um"], Smaller, |s| {
-        s.crps.as_ref().map(|c| (c.z_um, c.interval_z_um))
-    })
-    .ranks(Metric::CrpsZUm, Resamples(|u, draws| resampled(&u.crps, draws, |[n, _, z]| ratio(z, n)))),
-    particles(["link_f1", "links.f1", "link F1", ""], Greater, |s| {
-        s.links.as_ref().map(|l| (l.f1, l.interval_f1))
-    })
-    .ranks(
-        Metric::LinkF1,
-        Resamples(|u, draws| resampled(&u.links, draws, |[tp, n, m]| ratio(2.0 * tp, n + m))),
-    )
-    .heading("links")
-    .criterion(),
-    particles(["hota", "hota.hota", "HOTA", ""], Greater, |s| {
-        s.hota.as_ref().map(|h| (h.hota, h.interval_hota))
-    })
-    .ranks(Metric::Hota, Resamples(hota))
-    .heading("HOTA")
-    .criterion(),
-    particles(["mota", "clear.mota", "MOTA", ""], Greater, |s| s.clear.as_ref().map(|c| (c.mota, None))),
-    particles(["isbi_alpha", "isbi.alpha", "ISBI alpha", ""], Greater, |s| {
-        s.isbi.as_ref().map(|i| (i.alpha, i.interval.alpha))
-    }),
-    particles(["isbi_beta", "isbi.beta", "ISBI beta", ""], Greater, |s| {
-        s.isbi.as_ref().map(|i| (i.beta, i.interval.beta))
-    })
-    .ranks(
-        Metric::IsbiBeta,
-        Resamples(|u, draws| {
-            resampled(&u.isbi, draws, |[gain, length, others]| ratio(gain, length + others))
-        }),
-    ),
-    particles(["isbi_jsc", "isbi.jsc", "ISBI JSC", ""], Greater, |s| s.isbi.as_ref().map(|i| (i.jsc, None))),
-    particles(["isbi_jsc_theta", "isbi.jsc_theta", "ISBI JSC_theta", ""], Greater, |s| {
-        s.isbi.as_ref().map(|i| (i.jsc_theta, None))
-    }),
-    particles(["lpt_correct", "lpt.correct", "correct", ""], Greater, |s| {
-        s.lpt.as_ref().map(|l| (l.correct, l.interval.correct))
-    })
+    score!(Particles c in crps: ["crps_z_um", "crps.z_um", "CRPS z", "um"], Smaller,
+        c.z_um, c.interval_z_um)
+        .ranks(Metric::CrpsZUm, Resamples(|u, draws| resampled(&u.crps, draws, |[n, _, z]| ratio(z, n)))),
+    score!(Particles l in links: ["link_f1", "links.f1", "link F1", ""], Greater, l.f1, l.interval_f1)
+        .ranks(
+            Metric::LinkF1,
+            Resamples(|u, draws| resampled(&u.links, draws, |[tp, n, m]| ratio(2.0 * tp, n + m))),
+        )
+        .heading("links")
+        .criterion(),
+    score!(Particles h in hota: ["hota", "hota.hota", "HOTA", ""], Greater, h.hota, h.interval_hota)
+        .ranks(Metric::Hota, Resamples(hota))
+        .heading("HOTA")
+        .criterion(),
+    score!(Particles c in clear: ["mota", "clear.mota", "MOTA", ""], Greater, c.mota, None),
+    score!(Particles i in isbi: ["isbi_alpha", "isbi.alpha", "ISBI alpha", ""], Greater,
+        i.alpha, i.interval.alpha),
+    score!(Particles i in isbi: ["isbi_beta", "isbi.beta", "ISBI beta", ""], Greater,
+        i.beta, i.interval.beta)
+        .ranks(
+            Metric::IsbiBeta,
+            Resamples(|u, draws| {
+                resampled(&u.isbi, draws, |[gain, length, others]| ratio(gain, length + others))
+            }),
+        ),
+    score!(Particles i in isbi: ["isbi_jsc", "isbi.jsc", "ISBI JSC", ""], Greater, i.jsc, None),
+    score!(Particles i in isbi: ["isbi_jsc_theta", "isbi.jsc_theta", "ISBI JSC_theta", ""], Greater,
+        i.jsc_theta, None),
+    score!(Particles l in lpt: ["lpt_correct", "lpt.correct", "correct", ""], Greater,
+        l.correct, l.interval.correct)
     .ranks(Metric::LptCorrect, Resamples(found_per_true)),
-    particles(["lpt_ghost", "lpt.ghost", "ghosts", ""], Smaller, |s| {
-        s.lpt.as_ref().map(|l| (l.ghost, l.interval.ghost))
-    })
-    .ranks(
-        Metric::LptGhost,
-        Resamples(|u, draws| resampled(&u.detection, draws, |[tp, missed, fp]| ratio(fp, tp + missed))),
-    ),
-    particles(["velocity_rms_um_s", "lpt.velocity_rms_um_s", "velocity RMS", "um/s"], Smaller, |s| {
-        s.lpt.as_ref().map(|l| (l.motion.velocity_rms_um_s, l.interval.velocity_rms_um_s))
-    })
+    score!(Particles l in lpt: ["lpt_ghost", "lpt.ghost", "ghosts", ""], Smaller, l.ghost, l.interval.ghost)
+        .ranks(
+            Metric::LptGhost,
+            Resamples(|u, draws| resampled(&u.detection, draws, |[tp, missed, fp]| ratio(fp, tp + missed))),
+        ),
+    score!(Particles l in lpt: ["velocity_rms_um_s", "lpt.velocity_rms_um_s", "velocity RMS", "um/s"], Smaller,
+        l.motion.velocity_rms_um_s, l.interval.velocity_rms_um_s)
     .ranks(Metric::VelocityRmsUmS, Errors(|u| &u.velocity)),
-    particles(["angle_mean_all_deg", "orientation.mean_all_deg", "mean angle of all", "deg"], Smaller, |s| {
-        s.orientation.as_ref().map(|o| (o.mean_all_deg, o.interval_mean_all_deg))
-    })
+    score!(Particles o in orientation: ["angle_mean_all_deg", "orientation.mean_all_deg", "mean angle of all", "deg"], Smaller,
+        o.mean_all_deg, o.interval_mean_all_deg)
     .ranks(
         Metric::AngleMeanAllDeg,
         Resamples(|u, draws| resampled(&u.angles, draws, |[n, sum]| ratio(sum, n))),
     ),
-    field!(["valid_nodes", "field.nodes.valid", "valid nodes", ""], Greater, |f| {
-        (f.nodes.valid, f.nodes.interval_valid)
-    })
+    score!(Field f in field: ["valid_nodes", "field.nodes.valid", "valid nodes", ""], Greater,
+        f.nodes.valid, f.nodes.interval_valid)
     .ranks(
         Metric::ValidNodes,
         Resamples(|u, draws| resampled(&u.nodes, draws, |[n, _, valid, ..]| ratio(valid, n))),
     )
     .heading("nodes")
     .criterion(),
-    field!(["rms_nodes_px", "field.nodes.rms_px", "RMS at nodes", "px"], Smaller, |f| {
-        (f.nodes.rms_px, f.nodes.interval_rms_px)
-    })
+    score!(Field f in field: ["rms_nodes_px", "field.nodes.rms_px", "RMS at nodes", "px"], Smaller,
+        f.nodes.rms_px, f.nodes.interval_rms_px)
     .ranks(
         Metric::RmsNodesPx,
         Resamples(|u, draws| {
@@ -320,41 +275,43 @@ pub static SCORES: &[ScoreDef] = &[
     )
     .heading("RMS px")
     .criterion(),
-    field!(["response_nodes", "field.nodes.response", "amplitude response", ""], NearOne, |f| {
-        (f.nodes.response, f.nodes.interval_response)
-    })
+    score!(Field f in field: ["response_nodes", "field.nodes.response", "amplitude response", ""], NearOne,
+        f.nodes.response, f.nodes.interval_response)
     .ranks(
         Metric::ResponseNodes,
         Resamples(|u, draws| resampled(&u.nodes, draws, |[.., product, exact]| ratio(product, exact))),
     )
     .heading("response"),
-    field!(
-        ["valid_vector_probability", "field.valid_vector_probability", "valid vectors", ""],
-        Greater,
-        |f| (f.main.valid_vector_probability, f.main.interval_valid_vector_probability)
-    )
+    score!(Field f in field: ["valid_vector_probability", "field.valid_vector_probability", "valid vectors", ""], Greater,
+        f.main.valid_vector_probability, f.main.interval_valid_vector_probability)
     .ranks(Metric::ValidVectorProbability, Ends)
     .heading("vectors"),
-    field!(["rms_inliers_px", "", "RMS of inliers", "px"], Smaller, rms_of_inliers)
-        .ranks(Metric::RmsInliersPx, Ends)
-        .headline(),
-    field!(["modulation_u", "field.modulation_u", "amplitude response of inliers", ""], NearOne, |f| {
-        (f.main.modulation_u, None)
-    })
+    score!(Field f in field: ["rms_inliers_px", "", "RMS of inliers", "px"], Smaller,
+        rms_of_inliers(f).0, rms_of_inliers(f).1)
+    .ranks(Metric::RmsInliersPx, Ends)
+    .headline(),
+    score!(Field f in field: ["modulation_u", "field.modulation_u", "amplitude response of inliers", ""], NearOne,
+        f.main.modulation_u, None)
     .ranks(Metric::ModulationU, Ends),
-    field!(["aee_px", "field.aee_px", "AEE", "px"], Smaller, |f| (f.main.aee_px, None)).heading("AEE px"),
-    field!(["bias_u_px", "field.u.bias_px", "bias u", "px"], NearZero, |f| (f.main.u.bias_px, None))
-        .headline(),
-    field!(["bias_v_px", "field.v.bias_px", "bias v", "px"], NearZero, |f| (f.main.v.bias_px, None)),
-    planes!(["p68_z_um", "planes.p68_z_um", "68 % of z within", "um"], Smaller, |p| p.p68_z_um)
-        .heading("68% um"),
-    planes!(["share_within", "planes.share_within", "points near their plane", ""], Greater, |p| p
-        .share_within)
+    score!(Field f in field: ["aee_px", "field.aee_px", "AEE", "px"], Smaller, f.main.aee_px, None)
+        .heading("AEE px"),
+    score!(Field f in field: ["bias_u_px", "field.u.bias_px", "bias u", "px"], NearZero,
+        f.main.u.bias_px, None)
+    .headline(),
+    score!(Field f in field: ["bias_v_px", "field.v.bias_px", "bias v", "px"], NearZero,
+        f.main.v.bias_px, None),
+    score!(Planes p in planes: ["p68_z_um", "planes.p68_z_um", "68 % of z within", "um"], Smaller,
+        p.p68_z_um, None)
+    .heading("68% um"),
+    score!(Planes p in planes: ["share_within", "planes.share_within", "points near their plane", ""], Greater,
+        p.share_within, None)
     .heading("in gate"),
-    planes!(["plane_rmse_z_um", "planes.rmse_z_um", "RMS z", "um"], Smaller, |p| p.rmse_z_um)
-        .heading("RMS z um"),
-    planes!(["plane_bias_z_um", "planes.bias_z_um", "bias z", "um"], NearZero, |p| p.bias_z_um)
-        .heading("bias z"),
+    score!(Planes p in planes: ["plane_rmse_z_um", "planes.rmse_z_um", "RMS z", "um"], Smaller,
+        p.rmse_z_um, None)
+    .heading("RMS z um"),
+    score!(Planes p in planes: ["plane_bias_z_um", "planes.bias_z_um", "bias z", "um"], NearZero,
+        p.bias_z_um, None)
+    .heading("bias z"),
 ];
 
 /// A true positive with a ghost beside it does not count as found: see `evaluate/units.rs`.
