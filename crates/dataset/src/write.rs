@@ -4,9 +4,9 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+use storage::OutputFolder;
 use storage::checksums::{Fingerprint, Hashing};
 use storage::error::{Error, Result};
-use storage::journal;
 
 use crate::table::{Row, Table};
 
@@ -25,11 +25,8 @@ impl TableWriter {
     ///
     /// # Errors
     /// Writing.
-    pub fn create(folder: &Path, table: &Table) -> Result<Self> {
-        let path = folder.join(table.path);
-        journal::record_started(&path)?;
-        let file = File::create(&path).map_err(Error::write(&path))?;
-        let writer = BufWriter::with_capacity(BUFFER, Hashing::new(file));
+    pub fn create(folder: &OutputFolder, table: &Table) -> Result<Self> {
+        let writer = BufWriter::with_capacity(BUFFER, Hashing::new(folder.create(table.path)?));
         let mut writer = TableWriter { path: table.path, writer };
         writer.append(&table.header())?;
         Ok(writer)
@@ -58,7 +55,7 @@ impl TableWriter {
 ///
 /// # Errors
 /// Writing.
-pub fn write_table<R: Row>(folder: &Path, table: &Table, rows: &[R]) -> Result<()> {
+pub fn write_table<R: Row>(folder: &OutputFolder, table: &Table, rows: &[R]) -> Result<()> {
     let mut writer = TableWriter::create(folder, table)?;
     writer.append(&table.text(rows))?;
     writer.seal().map(drop)

@@ -34,6 +34,7 @@ use scenario::spec::{
 };
 use scenario::{Scenario, build};
 use storage::error::Result;
+use storage::save_bytes;
 
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
@@ -313,7 +314,8 @@ impl Frame<'_> {
     /// # Errors
     /// Writing.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        self.recording.camera.save(path.as_ref(), &self.image(), None).map(drop)
+        let path = path.as_ref();
+        save_bytes(path, &self.recording.camera.tiff(&self.image(), None, path)?)
     }
 
     /// The truth: the rows of the tables of a dataset, with signal-to-noise ratio and overlap of each particle

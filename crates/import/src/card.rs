@@ -1,10 +1,8 @@
 //! The card of a recording, `README.md` of its folder.
 
-use std::path::Path;
-
 use dataset::manifest::{GENERATOR_VERSION, NoiseFacts, ScoringGates, coordinates};
+use storage::OutputFolder;
 use storage::error::Result;
-use storage::save_bytes;
 
 use super::manifest::About;
 
@@ -12,8 +10,8 @@ use super::manifest::About;
 ///
 /// # Errors
 /// Writing.
-pub(crate) fn write(folder: &Path, about: &About<'_>) -> Result<()> {
-    save_bytes(&folder.join("README.md"), text(about).as_bytes())
+pub(crate) fn write(folder: &OutputFolder, about: &About<'_>) -> Result<()> {
+    folder.save_bytes("README.md", text(about))
 }
 
 fn text(about: &About<'_>) -> String {

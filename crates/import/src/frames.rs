@@ -9,7 +9,7 @@ use microsig_core::formats::pages::{PageOrder, PageSize, Pages};
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::sensor::{Counts, Image};
 use storage::error::{Error, MOST_SHOWN, Result};
-use storage::{Placed, input, place, save};
+use storage::{OutputFolder, Placed, input};
 
 use super::correction::Correction;
 use super::{ImportOptions, files};
@@ -113,13 +113,12 @@ impl Frames {
     /// Images that cannot be read; writing.
     pub(crate) fn write(
         &self,
-        folder: &Path,
+        folder: &OutputFolder,
         um_per_px: f64,
         correction: &Correction,
         options: &ImportOptions,
     ) -> Result<Written> {
-        let images = folder.join("images");
-        std::fs::create_dir_all(&images).map_err(Error::write(&images))?;
+        folder.subfolder("images")?;
         let scale = PixelScale { frame_interval_s: options.dt_s, ..PixelScale::um_per_px(um_per_px) };
         let chosen = Preview::chosen(self.len() as u32, self.pairs);
         let (mut written, mut preview) = (Written::default(), Preview::default());
@@ -140,7 +139,7 @@ impl Frames {
             if let Some((n, level)) = saturation(&counts) {
                 saturated.push(format!("{}: page {}: {n} px at {level} counts", file.display(), source.page));
             }
-            let path = folder.join(self.path(frame));
+            let path = self.path(frame);
             let is_kept = source.is_alone && correction.is_none();
             let image = |counts| Image {
                 width: self.size.width,
@@ -150,7 +149,7 @@ impl Frames {
             };
             let shown = chosen.contains(&(frame as u32));
             if is_kept {
-                match place(file, &path, !options.copy)? {
+                match folder.place(&path, file, !options.copy)? {
                     Placed::Linked => written.linked += 1,
                     Placed::Copied => written.copied += 1,
                 }
@@ -163,14 +162,14 @@ impl Frames {
                 preview.add(frame as u32, &image);
             }
             if !is_kept {
-                let name = path.display().to_string();
-                save(&path, |writer| Ok(tiff::write(writer, &image, &scale, &name)?))?;
+                let name = folder.join(&path).display().to_string();
+                folder.save(&path, |writer| Ok(tiff::write(writer, &image, &scale, &name)?))?;
             }
             open = Some((source.file, pages));
             bar.inc(1);
         }
         bar.finish();
-        preview.write(&folder.join("preview.png"))?;
+        preview.write(folder)?;
         written.warnings = saturation_warning(&saturated, self.len());
         Ok(written)
     }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use dataset::manifest::KnownFacts;
 use dataset::{FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, write_table};
+use storage::OutputFolder;
 use storage::error::{Error, Result};
 
 use super::frames::Frames;
@@ -135,9 +136,8 @@ impl Known {
     ///
     /// # Errors
     /// Writing.
-    pub(crate) fn write(&self, folder: &Path, frames: &Frames, dt_s: Option<f64>) -> Result<()> {
-        let truth = folder.join("truth");
-        std::fs::create_dir_all(&truth).map_err(Error::write(&truth))?;
+    pub(crate) fn write(&self, folder: &OutputFolder, frames: &Frames, dt_s: Option<f64>) -> Result<()> {
+        folder.subfolder("truth")?;
         let row = |frame: usize| FrameRow {
             frame: frame as u32,
             pair: frames.are_pairs().then_some(frame as u32 / 2),

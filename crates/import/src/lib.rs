@@ -170,6 +170,7 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
 
     let partial = Partial::start(out)?;
     let folder = partial.folder();
+    warnings.extend(partial.warning());
     let written = frames.write(folder, um_per_px, &correction, options)?;
     warnings.extend(written.warnings.iter().cloned());
     made.write(folder, um_per_px, model.as_ref())?;

@@ -12,8 +12,8 @@ use microsig_core::formats::tiff::{self, PixelScale, StackPlane};
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::{Counts, Image};
 use rayon::prelude::*;
+use storage::OutputFolder;
 use storage::error::{Error, Result};
-use storage::save;
 use tracking::GrayImage;
 
 use super::alignment::{Aligned, peak, sharpest};
@@ -167,21 +167,20 @@ impl Stacks {
     ///
     /// # Errors
     /// Writing.
-    pub(crate) fn write(&self, folder: &Path, um_per_px: f64, model: Option<&Model>) -> Result<()> {
+    pub(crate) fn write(&self, folder: &OutputFolder, um_per_px: f64, model: Option<&Model>) -> Result<()> {
         let scale = PixelScale::um_per_px(um_per_px);
         let mut rows = Vec::new();
         for stack in &self.places {
             let within =
                 if self.is_field { format!("/place_{:02}", stack.place.place) } else { String::new() };
             for part in ["images", "particles"].into_iter().take(if model.is_some() { 2 } else { 1 }) {
-                let path = folder.join(format!("calibration/{part}{within}"));
-                std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+                folder.subfolder(&format!("calibration/{part}{within}"))?;
             }
             for (step, (image, z_um)) in stack.images.iter().zip(&self.depths_um).enumerate() {
                 let middle = (image.width / 2 + 1) as f64;
                 let path = format!("calibration/images{within}/step_{step:04}.tif");
                 let plane = StackPlane::of(&self.depths_um, step);
-                self.save(&folder.join(&path), image, &PixelScale { plane, ..scale })?;
+                self.save(folder, &path, image, &PixelScale { plane, ..scale })?;
                 let mut row = CalibrationRow {
                     step: step as u32,
                     z_um: *z_um,
@@ -198,24 +197,28 @@ impl Stacks {
                     let particle = [Particle::sphere(middle, middle, model.depth_um(*z_um), model.d_um)];
                     let path = folder.join(&row.particles);
                     let layout = data_file::Layout::of(&particle);
-                    save(&path, |w| data_file::write(w, &particle, layout).map_err(Error::write(&path)))?;
+                    folder.save(&row.particles, |w| {
+                        data_file::write(w, &particle, layout).map_err(Error::write(&path))
+                    })?;
                 }
                 rows.push(row);
             }
         }
         if let Some(model) = model {
-            let path = folder.join("calibration/settings.txt");
-            save(&path, |w| settings_file::write(w, &model.settings).map_err(Error::write(&path)))?;
+            let file = "calibration/settings.txt";
+            let path = folder.join(file);
+            folder.save(file, |w| settings_file::write(w, &model.settings).map_err(Error::write(&path)))?;
         }
         write_table(folder, &self.table(), &rows)
     }
 
     /// Writes an image with its background, as floating-point numbers: an average has more digits than counts.
-    fn save(&self, path: &Path, image: &GrayImage, scale: &PixelScale) -> Result<()> {
+    fn save(&self, folder: &OutputFolder, path: &str, image: &GrayImage, scale: &PixelScale) -> Result<()> {
         let counts = image.counts.iter().map(|count| count + self.background[0] as f32).collect();
         let (width, height) = (image.width as u32, image.height as u32);
         let image = Image { width, height, bits: Image::FLOAT_BITS, counts: Counts::Unrounded(counts) };
-        save(path, |writer| Ok(tiff::write(writer, &image, scale, &path.display().to_string())?))
+        let name = folder.join(path).display().to_string();
+        folder.save(path, |writer| Ok(tiff::write(writer, &image, scale, &name)?))
     }
 
     /// The stack nearest to the middle of the field of view.

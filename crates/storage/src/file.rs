@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::checksums::SHA256SUMS;
 use super::interrupt::{Temporary, pause_if_interrupted};
-use super::journal::{self, TEMPORARY};
+use super::journal::TEMPORARY;
 use super::standard::{is_standard, print};
 use crate::error::{Error, Result};
 
@@ -42,14 +42,8 @@ pub enum Placed {
     Copied,
 }
 
-/// Puts a file into a folder under construction: as a hard link if `link` and if the file system has links
-/// between the two places, as a copy otherwise. A symbolic link is followed.
-///
-/// # Errors
-/// An I/O error.
-pub fn place(file: &Path, to: &Path, link: bool) -> Result<Placed> {
-    pause_if_interrupted();
-    journal::record_started(to)?;
+/// [`OutputFolder::place`](crate::OutputFolder::place).
+pub(crate) fn place(file: &Path, to: &Path, link: bool) -> Result<Placed> {
     let whole = file.canonicalize().map_err(|e| Error::read(file, e))?;
     if link && std::fs::hard_link(&whole, to).is_ok() {
         return Ok(Placed::Linked);
@@ -60,7 +54,7 @@ pub fn place(file: &Path, to: &Path, link: bool) -> Result<Placed> {
 }
 
 /// [`save_bytes`] with permissions for the owner only.
-pub fn save_private(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn save_private(path: &Path, bytes: &[u8]) -> Result<()> {
     replace(path, PRIVATE, |mut file| file.write_all(bytes).map_err(Error::write(path)))
 }
 
@@ -188,7 +182,6 @@ const PRIVATE: u32 = 0o600;
 
 fn replace(path: &Path, mode: u32, write: impl FnOnce(&File) -> Result<()>) -> Result<()> {
     pause_if_interrupted();
-    journal::record_started(path)?;
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(TEMPORARY);

@@ -14,6 +14,7 @@ use super::checksums::SHA256SUMS;
 use super::interrupt::Temporary;
 use super::journal::{self, JOURNAL, Journal, Listing};
 use super::lock::FolderLock;
+use super::output::OutputFolder;
 use super::removal::{plan, remove_own, remove_temporaries};
 pub use super::walk::FilesBelow;
 pub use super::walk::files_below;
@@ -24,7 +25,7 @@ use crate::error::{Error, Result};
 /// A folder under construction.
 #[derive(Debug)]
 pub struct Partial {
-    partial: PathBuf,
+    output: OutputFolder,
     path: PathBuf,
     remove_on_drop: bool,
     journal: Arc<Journal>,
@@ -32,7 +33,7 @@ pub struct Partial {
     before: Listing,
     // Fields are dropped in this order: the lock last.
     _temporary: Temporary,
-    _lock: FolderLock,
+    lock: FolderLock,
 }
 
 /// Path of a folder under construction.
@@ -107,7 +108,7 @@ impl FolderClaim {
     pub fn resume(self) -> Result<Partial> {
         let before = self.left_over()?.unwrap_or_default();
         let partial = self.begin(before, false)?;
-        remove_temporaries(&partial.partial)?;
+        remove_temporaries(partial.output.path())?;
         Ok(partial)
     }
 
@@ -138,7 +139,8 @@ impl FolderClaim {
         std::fs::create_dir_all(&partial).map_err(Error::write(&partial))?;
         let _temporary = Temporary::partial(&partial, !remove_on_drop);
         let journal = Journal::open(&partial)?;
-        Ok(Partial { partial, path, remove_on_drop, journal, before, _temporary, _lock: lock })
+        let output = OutputFolder::of_journal(&partial, Arc::clone(&journal));
+        Ok(Partial { output, path, remove_on_drop, journal, before, _temporary, lock })
     }
 }
 
@@ -153,8 +155,13 @@ impl Partial {
     }
 
     /// The folder to write into.
-    pub fn folder(&self) -> &Path {
-        &self.partial
+    pub fn folder(&self) -> &OutputFolder {
+        &self.output
+    }
+
+    /// Warning if the file system has no locks.
+    pub fn warning(&self) -> Option<String> {
+        self.lock.warning.clone()
     }
 
     /// Records the inputs of the folder: hashes by name.
@@ -177,33 +184,36 @@ impl Partial {
     /// # Errors
     /// As [`check_replaceable`]; an I/O error.
     pub fn finish(self, earlier: Earlier) -> Result<()> {
-        journal::keep_list(&self.partial)?;
+        journal::keep_list(self.output.path())?;
         self.give_name(earlier, || Ok(()))
     }
 
     /// [`Partial::finish`] for folders that do not keep a journal: datasets, whose checksums list their
     /// files, and images, which are never removed.
     pub fn finish_without_journal(self, earlier: Earlier) -> Result<()> {
-        let journal = self.partial.join(JOURNAL);
+        let journal = self.output.join(JOURNAL);
         // As late as possible: without the journal, an interrupted run cannot be resumed.
         self.give_name(earlier, || std::fs::remove_file(&journal).map_err(Error::write(&journal)))
     }
 
     fn give_name(mut self, earlier: Earlier, last: impl FnOnce() -> Result<()>) -> Result<()> {
         check_replaceable(&self.path, earlier)?;
-        sync_below(&self.partial)?;
+        let partial = self.output.path();
+        // A file that is not in the journal could not be removed later.
+        plan(partial)?;
+        sync_below(partial)?;
         last()?;
         if is_empty(&self.path) {
             // If the user created the folder for the result, its permissions are kept.
             let of = std::fs::metadata(&self.path).map_err(Error::write(&self.path))?.permissions();
-            std::fs::set_permissions(&self.partial, of).map_err(Error::write(&self.partial))?;
+            std::fs::set_permissions(partial, of).map_err(Error::write(partial))?;
         }
         let replaced = replaced_name(&self.path);
         let replaces = self.path.exists();
         if replaces {
             std::fs::rename(&self.path, &replaced).map_err(Error::write(&self.path))?;
         }
-        std::fs::rename(&self.partial, &self.path).map_err(Error::write(&self.path))?;
+        std::fs::rename(partial, &self.path).map_err(Error::write(&self.path))?;
         self.remove_on_drop = false;
         sync(self.path.parent().unwrap_or(Path::new(".")));
         if replaces { remove_own(&replaced) } else { Ok(()) }
@@ -212,10 +222,9 @@ impl Partial {
 
 impl Drop for Partial {
     fn drop(&mut self) {
-        self.journal.close();
         if self.remove_on_drop {
             // Best effort: on failure the name still marks the folder as unfinished.
-            let _ = remove_own(&self.partial);
+            let _ = remove_own(self.output.path());
         }
     }
 }
@@ -295,7 +304,6 @@ pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::save_bytes;
     use super::*;
 
     /// Replaces nothing.
@@ -306,14 +314,14 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("set.v1");
         let partial = Partial::start(&path).unwrap();
-        assert!(is_partial(partial.folder()) && !path.exists());
+        assert!(is_partial(partial.folder().path()) && !path.exists());
         assert!(matches!(Partial::start(&path), Err(Error::Busy { .. })));
-        save_bytes(&partial.folder().join("a"), b"0").unwrap();
+        partial.folder().save_bytes("a", b"0").unwrap();
         drop(partial);
         assert!(!partial_name(&path).exists());
 
         let partial = Partial::start(&path).unwrap();
-        save_bytes(&partial.folder().join("a"), b"1").unwrap();
+        partial.folder().save_bytes("a", b"1").unwrap();
         partial.finish(NONE).unwrap();
         assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a"]);
 
@@ -345,7 +353,7 @@ mod tests {
         };
         check_replaceable(&path, NONE).unwrap();
         let partial = Partial::start(&path).unwrap();
-        save_bytes(&partial.folder().join("a"), b"1").unwrap();
+        partial.folder().save_bytes("a", b"1").unwrap();
         partial.finish(NONE).unwrap();
         assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a"]);
         #[cfg(unix)]
@@ -371,8 +379,8 @@ mod tests {
         let path = place.path().join("set");
         let make = |content: &[u8]| {
             let partial = Partial::start(&path)?;
-            std::fs::create_dir(partial.folder().join("images")).unwrap();
-            save_bytes(&partial.folder().join("images/a"), content).unwrap();
+            partial.folder().subfolder("images").unwrap();
+            partial.folder().save_bytes("images/a", content).unwrap();
             partial.finish(Earlier::new("images/a", true))
         };
         make(b"1").unwrap();
@@ -402,7 +410,7 @@ mod tests {
         let path = place.path().join("set");
         let make = || {
             let partial = Partial::start(&path).unwrap();
-            save_bytes(&partial.folder().join("a"), b"1").unwrap();
+            partial.folder().save_bytes("a", b"1").unwrap();
             partial.finish(Earlier::new("a", true)).unwrap();
         };
         make();

@@ -1,7 +1,6 @@
 //! Cleanup on interruption: temporary files and folders, and locks, are removed when a signal ends the
 //! program.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -89,12 +88,13 @@ pub fn on_interrupt(end: impl Fn() + Send + 'static) {
 /// Exit code of an interrupted program, the shell convention for SIGINT.
 const EXIT_CODE: i32 = 130;
 
-/// Installs a handler that cleans up and exits on SIGINT, SIGTERM and SIGHUP (Ctrl-C on Windows).
+/// Installs a handler that cleans up and exits on SIGINT, SIGTERM and SIGHUP (Ctrl-C on Windows); before it exits,
+/// it calls `report` with whether a run can be resumed.
 ///
 /// # Errors
 /// A handler is already installed.
-pub fn clean_up_on_signals() -> Result<()> {
-    ctrlc::set_handler(|| {
+pub fn clean_up_on_signals(report: impl Fn(bool) + Send + 'static) -> Result<()> {
+    ctrlc::set_handler(move || {
         if let Some(end) = ENDING.lock().unwrap_or_else(PoisonError::into_inner).take() {
             return end();
         }
@@ -114,8 +114,7 @@ pub fn clean_up_on_signals() -> Result<()> {
                 }
             };
         }
-        let hint = if resumable { "; --resume continues this run" } else { "" };
-        let _ = writeln!(std::io::stderr().lock(), "interrupted{hint}");
+        report(resumable);
         std::process::exit(EXIT_CODE);
     })
     .map_err(|e| Error::input(format!("signals: {e}")))

@@ -9,7 +9,7 @@ use std::fs::{File, OpenOptions};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
@@ -64,9 +64,6 @@ pub(crate) struct Journal {
     entered: Mutex<HashSet<u64>>,
 }
 
-/// The journals of all folders that this process is writing.
-static OPEN: RwLock<Vec<(PathBuf, Arc<Journal>)>> = RwLock::new(Vec::new());
-
 impl Journal {
     /// Starts the journal of a folder, or continues an existing one.
     pub(crate) fn open(folder: &Path) -> Result<Arc<Self>> {
@@ -75,8 +72,6 @@ impl Journal {
         let journal = Arc::new(Journal { path, file: Mutex::new(file), entered: Mutex::default() });
         // Terminates a line truncated by a crash.
         journal.write("\n")?;
-        let mut open = OPEN.write().unwrap_or_else(PoisonError::into_inner);
-        open.push((folder.to_owned(), Arc::clone(&journal)));
         Ok(journal)
     }
 
@@ -85,10 +80,14 @@ impl Journal {
         self.add(&Entry::Source(hashes.clone()))
     }
 
-    /// Stops recording files below the folder.
-    pub(crate) fn close(self: &Arc<Self>) {
-        let mut open = OPEN.write().unwrap_or_else(PoisonError::into_inner);
-        open.retain(|(_, journal)| !Arc::ptr_eq(journal, self));
+    /// Records a file that is about to be written, by its path in the folder.
+    pub(crate) fn started(&self, file: String) -> Result<()> {
+        self.add(&Entry::File(file))
+    }
+
+    /// Records a finished file.
+    pub(crate) fn finished(&self, file: String, fingerprint: &Fingerprint) -> Result<()> {
+        self.add(&Entry::Done { file, bytes: fingerprint.bytes, sha256: fingerprint.sha256.to_string() })
     }
 
     /// Whether this process has recorded a file.
@@ -116,29 +115,9 @@ fn key(file: &str) -> u64 {
     hasher.finish()
 }
 
-/// The journal of the innermost folder under construction that contains a path, and the path relative to it.
-fn of(path: &Path) -> Option<(Arc<Journal>, String)> {
-    let open = OPEN.read().unwrap_or_else(PoisonError::into_inner);
-    let inside = open.iter().filter_map(|(folder, journal)| Some((path.strip_prefix(folder).ok()?, journal)));
-    let (within, journal) = inside.min_by_key(|(within, _)| within.as_os_str().len())?;
-    Some((Arc::clone(journal), slashed(within)))
-}
-
 /// A relative path with `/` as separator.
 pub(super) fn slashed(path: &Path) -> String {
     path.components().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/")
-}
-
-/// Records a file that is about to be written, if it is in a folder under construction.
-pub fn record_started(path: &Path) -> Result<()> {
-    of(path).map_or(Ok(()), |(journal, file)| journal.add(&Entry::File(file)))
-}
-
-/// Records a finished file, if it is in a folder under construction.
-pub fn finished(path: &Path, fingerprint: &Fingerprint) -> Result<()> {
-    let Some((journal, file)) = of(path) else { return Ok(()) };
-    let (bytes, sha256) = (fingerprint.bytes, fingerprint.sha256.to_string());
-    journal.add(&Entry::Done { file, bytes, sha256 })
 }
 
 /// Reads the journal of a folder; `None` if it does not exist. Truncated lines are skipped.
@@ -183,6 +162,7 @@ pub(crate) fn keep_list(folder: &Path) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::output::OutputFolder;
     use super::*;
 
     #[test]
@@ -193,17 +173,15 @@ mod tests {
         let journal = Journal::open(folder).unwrap();
         let source = BTreeMap::from([("a".to_owned(), "b".to_owned())]);
         journal.source(&source).unwrap();
-        let file = folder.join("images").join("a\nb.tif");
-        record_started(&file).unwrap();
+        let output = OutputFolder::of_journal(folder, Arc::clone(&journal));
+        output.subfolder("images").unwrap().save_bytes("a\nb.tif", b"x").unwrap();
         let fingerprint = Fingerprint::of(b"x");
-        finished(&file, &fingerprint).unwrap();
+        output.finished("images/a\nb.tif", &fingerprint).unwrap();
         journal.write("{\"file\":\"cut").unwrap();
-        journal.close();
-        record_started(&folder.join("unlisted")).unwrap();
 
         let journal = Journal::open(folder).unwrap();
-        record_started(&folder.join("next")).unwrap();
-        journal.close();
+        OutputFolder::of_journal(folder, Arc::clone(&journal)).create("next").unwrap();
+        OutputFolder::existing(folder).save_bytes("unlisted", b"").unwrap();
         let listing = read(folder).unwrap().unwrap();
         assert_eq!(listing.source, Some(source));
         assert!(journal.lists("next") && !journal.lists("unlisted"));

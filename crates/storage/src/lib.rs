@@ -12,6 +12,7 @@ pub mod journal;
 pub mod json;
 mod lock;
 pub mod memory;
+mod output;
 pub mod problem;
 mod range;
 mod removal;
@@ -21,11 +22,10 @@ pub mod table_cache;
 mod walk;
 
 pub use error::{Error, Result};
-pub use file::{
-    Placed, may_write, outside_datasets, place, save, save_bytes, save_changed, save_private, save_result,
-};
+pub use file::{Placed, may_write, outside_datasets, save, save_bytes, save_changed, save_result};
 pub use input::read_text;
 pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_errors, on_interrupt};
+pub use output::OutputFolder;
 pub use range::NumberRange;
 pub use standard::{StandardStreams, is_standard, print};
 

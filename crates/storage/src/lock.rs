@@ -4,18 +4,20 @@
 //! whenever the process ends: after a crash the file may remain, but it blocks nobody. docs/cluster.md
 //! describes network file systems.
 
+use std::ffi::{OsStr, OsString};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::interrupt::Temporary;
-use super::journal;
 use crate::error::{Error, Result};
 
 /// A held lock.
 #[derive(Debug)]
 pub(crate) struct FolderLock {
     path: PathBuf,
+    /// Warning if the file system has no locks.
+    pub(crate) warning: Option<String>,
     // Unlocked when closed, after the file has been removed.
     _file: Option<File>,
     _temporary: Temporary,
@@ -30,14 +32,10 @@ impl FolderLock {
         let Some(name) = folder.file_name() else {
             return Err(Error::input(format!("{}: expected the name of a folder", folder.display())));
         };
-        let mut lock = std::ffi::OsString::from(".");
-        lock.push(name);
-        lock.push(".lock");
-        let mut path = folder.with_file_name(lock);
+        let mut path = folder.with_file_name(lock_name(name));
         if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
             std::fs::create_dir_all(parent).map_err(Error::write(parent))?;
         }
-        journal::record_started(&path)?;
         loop {
             let mut file = match open(&path) {
                 // The parent folder is read-only: use a lock file inside the folder.
@@ -59,13 +57,12 @@ impl FolderLock {
                     return Err(Error::Busy { path: folder.to_owned(), owner: owner.to_owned() });
                 }
                 Err(TryLockError::Error(e)) => {
-                    let _ = writeln!(
-                        std::io::stderr().lock(),
-                        "warning: {}: this file system does not support locks ({e}), so two runs can write to the same folder",
+                    let warning = format!(
+                        "{}: this file system does not support locks ({e}), so two runs can write to the same folder",
                         path.display()
                     );
                     let _temporary = Temporary::file(&path);
-                    return Ok(FolderLock { path, _file: None, _temporary });
+                    return Ok(FolderLock { path, warning: Some(warning), _file: None, _temporary });
                 }
             }
             // The previous owner may have removed the file between open and lock.
@@ -79,9 +76,17 @@ impl FolderLock {
                 .and_then(|()| file.rewind())
                 .and_then(|()| file.write_all(owner.as_bytes()))
                 .map_err(Error::write(&path))?;
-            return Ok(FolderLock { path, _file: Some(file), _temporary });
+            return Ok(FolderLock { path, warning: None, _file: Some(file), _temporary });
         }
     }
+}
+
+/// Name of the lock of a folder.
+pub(crate) fn lock_name(folder: &OsStr) -> OsString {
+    let mut lock = OsString::from(".");
+    lock.push(folder);
+    lock.push(".lock");
+    lock
 }
 
 /// The error of a lock that cannot be created. If the folder is not writable, the error reports that instead

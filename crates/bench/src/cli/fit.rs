@@ -197,9 +197,9 @@ impl Fit {
         spinner.finish();
         let (scan_name, out) = (self.scan.display().to_string(), self.out.display().to_string());
         let page = fit_page(&made.fitted, &made.evidence, &scan_name, &out)?;
-        storage::save_bytes(&partial.folder().join("report.html"), page.as_bytes())?;
+        partial.folder().save_bytes("report.html", page)?;
         for (name, bytes) in &made.files {
-            storage::save_bytes(&partial.folder().join(name), bytes)?;
+            partial.folder().save_bytes(name, bytes)?;
         }
         partial.finish(earlier)?;
         warn(&made.fitted.warnings, common);
@@ -235,9 +235,9 @@ impl Fit {
         let made = fit_field(scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
         spinner.finish();
         let page = field_page(&made, &self.scan.display().to_string(), [scan.width, scan.height])?;
-        storage::save_bytes(&partial.folder().join("report.html"), page.as_bytes())?;
+        partial.folder().save_bytes("report.html", page)?;
         for (name, bytes) in &made.files {
-            storage::save_bytes(&partial.folder().join(name), bytes)?;
+            partial.folder().save_bytes(name, bytes)?;
         }
         partial.finish(earlier)?;
         warn(&made.fitted.warnings, common);

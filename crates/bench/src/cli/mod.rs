@@ -197,7 +197,10 @@ impl Cli {
             .num_threads(usize::from(common.threads))
             .build_global()
             .map_err(|e| Error::input(format!("--threads {}: {e}", common.threads)))?;
-        clean_up_on_signals()?;
+        clean_up_on_signals(|is_resumable| {
+            let hint = if is_resumable { "; --resume continues this run" } else { "" };
+            let _ = writeln!(std::io::stderr().lock(), "interrupted{hint}");
+        })?;
         let _streams = StandardStreams::allow();
         let folder = if verb.keeps_tables() { TableFolder::of_user()? } else { None };
         let tables = Tables::new(folder, output::progress(common));

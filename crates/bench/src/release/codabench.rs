@@ -19,11 +19,11 @@ use super::about::ReleaseTexts;
 use super::package::Package;
 use super::submission;
 use scoring::ranking::{Better, SCORES, ScoreDef, Subject};
-use storage::TemporaryFolder;
 use storage::error::{Error, Result};
+use storage::{OutputFolder, TemporaryFolder};
 
 /// Name of the bundle.
-pub(super) const BUNDLE: &str = "codabench.zip";
+const BUNDLE: &str = "codabench.zip";
 
 /// The scoring program.
 const SCORING: &str = include_str!("codabench/scoring.py");
@@ -46,12 +46,13 @@ fn is_needed(path: &str) -> bool {
 /// Writes the bundle of a release. `test`: the withheld test split; `train`: for the logo; `wheel`: the
 /// Python wheel of microsig.
 pub(super) fn write(
-    out: &Path,
+    withheld: &OutputFolder,
     (train, test): (&Path, &Path),
     about: &ReleaseTexts<'_>,
     wheel: Option<&Path>,
 ) -> Result<()> {
     let place = TemporaryFolder::new()?;
+    let parts = OutputFolder::existing(place.path());
     let mut reference = Package::default();
     let mut truth = Package::default();
     truth.copy_folder(test, is_needed)?;
@@ -61,8 +62,8 @@ pub(super) fn write(
     if let Some((marker, text)) = submission::marker(&about.scored) {
         reference.write(marker, text);
     }
-    let reference_data = place.path().join("reference_data.zip");
-    reference.zip("", &reference_data)?;
+    let [reference_data, scoring_program] = ["reference_data.zip", "scoring_program.zip"];
+    reference.zip("", &parts, reference_data)?;
 
     let mut program = Package::default();
     program.write("metadata.yaml", METADATA);
@@ -77,8 +78,7 @@ pub(super) fn write(
         }
         program.copy(&name, wheel.to_owned());
     }
-    let scoring_program = place.path().join("scoring_program.zip");
-    program.zip("", &scoring_program)?;
+    program.zip("", &parts, scoring_program)?;
 
     let mut bundle = Package::default();
     bundle.write("competition.yaml", competition(about, wheel.is_some()));
@@ -90,9 +90,10 @@ pub(super) fn write(
     if logo.is_file() {
         bundle.copy("logo.png", logo);
     }
-    bundle.copy("reference_data.zip", reference_data);
-    bundle.copy("scoring_program.zip", scoring_program);
-    bundle.zip("", out)
+    for part in [reference_data, scoring_program] {
+        bundle.copy(part, parts.join(part));
+    }
+    bundle.zip("", withheld, BUNDLE)
 }
 
 /// `competition.yaml`.

@@ -51,10 +51,10 @@ use package::Package;
 use scenario::Scenario;
 use scenario::license::LICENSE;
 use splits::Train;
+use storage::OutputFolder;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial};
-use storage::save_bytes;
 
 /// Options of a release.
 #[derive(Debug, Clone)]
@@ -146,20 +146,18 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let name = &train.scenario.spec.name;
 
     let partial = Partial::start(&options.out)?;
-    let (public, withheld) = (partial.folder().join("public"), partial.folder().join("withheld"));
-    std::fs::create_dir(&public).map_err(Error::write(&public))?;
-    std::fs::create_dir(&withheld).map_err(Error::write(&withheld))?;
-    keep_private(&withheld)?;
+    let (public, withheld) = (partial.folder().subfolder("public")?, partial.folder().subfolder("withheld")?);
+    keep_private(withheld.path())?;
 
-    let archive = |split: &str| public.join(format!("{name}-{split}.zip"));
-    whole(dataset)?.zip(&format!("{name}-train"), &archive("train"))?;
+    let archive = |split: &str| format!("{name}-{split}.zip");
+    whole(dataset)?.zip(&format!("{name}-train"), &public, &archive("train"))?;
 
-    let folder = partial.folder().join("val");
+    let folder = partial.folder().nested("val")?;
     make(&val, &folder, options.progress.clone())?;
-    whole(&folder)?.zip(&format!("{name}-val"), &archive("val"))?;
+    whole(&folder)?.zip(&format!("{name}-val"), &public, &archive("val"))?;
     std::fs::remove_dir_all(&folder).map_err(Error::write(&folder))?;
 
-    let folder = withheld.join("test");
+    let folder = withheld.nested("test")?;
     make(&test, &folder, options.progress.clone())?;
     let is_flow_known = compare(dataset, &folder)?;
     let scored = match (options.fields, is_flow_known) {
@@ -168,13 +166,13 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
         (false, false) => vec!["particles", "fields"],
     };
     if let Some((marker, text)) = submission::marker(&scored) {
-        save_bytes(&withheld.join(marker), text.as_bytes())?;
+        withheld.save_bytes(marker, text)?;
     }
-    let truth = withheld.join(format!("{name}-test-truth.zip"));
+    let truth = format!("{name}-test-truth.zip");
     let mut kept = Package::default();
     kept.copy_folder(&folder, |path| !path.starts_with("images/"))?;
-    kept.zip(&format!("{name}-test"), &truth)?;
-    let commitment = commit(&withheld.join(SALT), &truth)?;
+    kept.zip(&format!("{name}-test"), &withheld, &truth)?;
+    let commitment = commit(&withheld, &truth)?;
 
     let deadline = options.deadline.map(|deadline| deadline.to_string());
     rounds.push(Round {
@@ -184,16 +182,18 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
         commitment_sha256: commitment.clone(),
         key_sha256: Some(rounds::key_sha256(&folder)?),
     });
-    save_bytes(&withheld.join(rounds::ROUNDS), rounds::list(&rounds)?.as_bytes())?;
+    withheld.save_bytes(rounds::ROUNDS, rounds::list(&rounds)?)?;
     let about = options.about.of(&train, &rounds, options.deadline, &scored, is_flow_known);
     let recordings = (!options.exact_times).then_some(&test.recordings);
-    test_split::package(dataset, &folder, recordings, &about)?
-        .zip(&format!("{name}-test"), &archive("test"))?;
+    test_split::package(dataset, &folder, recordings, &about)?.zip(
+        &format!("{name}-test"),
+        &public,
+        &archive("test"),
+    )?;
     if options.codabench {
-        let bundle = withheld.join(codabench::BUNDLE);
-        codabench::write(&bundle, (dataset, &folder), &about, options.wheel.as_deref())?;
+        codabench::write(&withheld, (dataset, &folder), &about, options.wheel.as_deref())?;
     }
-    save_bytes(&withheld.join("README.md"), about.withheld().as_bytes())?;
+    withheld.save_bytes("README.md", about.withheld())?;
     publish(&public, &about)?;
     partial.finish(Earlier::new(MARK, options.force && options.new_keys))?;
     let mut warnings = Vec::new();
@@ -258,16 +258,16 @@ fn whole(folder: &Path) -> Result<Package> {
 
 /// Draws a salt and returns the SHA-256 of salt and archive. Without a salt, a guessed truth could be
 /// verified.
-fn commit(salt: &Path, archive: &Path) -> Result<String> {
+fn commit(withheld: &OutputFolder, archive: &str) -> Result<String> {
     let drawn = secret::draw()?;
-    save_bytes(salt, &drawn)?;
-    checksums::fingerprint_after(&drawn, archive).map(|f| f.sha256.to_string())
+    withheld.save_bytes(SALT, &drawn)?;
+    checksums::fingerprint_after(&drawn, &withheld.join(archive)).map(|f| f.sha256.to_string())
 }
 
 /// Writes the files that accompany the archives.
-fn publish(public: &Path, about: &about::ReleaseTexts<'_>) -> Result<()> {
+fn publish(public: &OutputFolder, about: &about::ReleaseTexts<'_>) -> Result<()> {
     let mut archives = Package::default();
-    archives.copy_folder(public, |_| true)?;
+    archives.copy_folder(public.path(), |_| true)?;
     let archives = archives.fingerprints()?;
     let mut package = Package::default();
     // In the format of `sha256sum -c`, with salt and archive on standard input.

@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
+use storage::OutputFolder;
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
 use storage::folder::files_below;
-use storage::{save, save_bytes};
 
 /// Contents of a file of a package.
 #[derive(Debug)]
@@ -63,8 +63,8 @@ impl Package {
     }
 
     /// Writes all files into a zip archive, below the folder `root`; an empty one is the archive itself.
-    pub(crate) fn zip(&self, root: &str, out: &Path) -> Result<()> {
-        save(out, |writer| self.zip_into(writer, root, out))
+    pub(crate) fn zip(&self, root: &str, folder: &OutputFolder, file: &str) -> Result<()> {
+        folder.save(file, |writer| self.zip_into(writer, root, &folder.join(file)))
     }
 
     /// A zip archive in memory; `name` is its name in messages.
@@ -107,10 +107,10 @@ impl Package {
     }
 
     /// Writes the files added by [`Package::write`] into a folder.
-    pub(crate) fn unpack(&self, folder: &Path) -> Result<()> {
+    pub(crate) fn unpack(&self, folder: &OutputFolder) -> Result<()> {
         for (path, content) in &self.files {
             if let Content::Bytes(bytes) = content {
-                save_bytes(&folder.join(path), bytes)?;
+                folder.save_bytes(path, bytes)?;
             }
         }
         Ok(())

@@ -98,12 +98,10 @@ pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     package.write(COMMITMENT, published);
     package.write("README.md", readme(&name, &archive, &commitment));
     package.unpack(folder)?;
-    let copy = folder.join(&archive);
-    let mut source = storage::input::open(&truth)?;
-    storage::save(&copy, |writer| std::io::copy(&mut source, writer).map(drop).map_err(Error::write(&copy)))?;
-    package.copy(&archive, copy);
+    folder.place(&archive, &truth, false)?;
+    package.copy(&archive, folder.join(&archive));
     let sums = checksums::write(&package.fingerprints()?);
-    storage::save_bytes(&folder.join(SHA256SUMS), sums.as_bytes())?;
+    folder.save_bytes(SHA256SUMS, sums)?;
     partial.finish(earlier)?;
     let deadline = deadline.map(|deadline| deadline.to_string());
     Ok(Revealed { out: options.out.clone(), name, deadline, commitment })

@@ -31,8 +31,8 @@ use scoring::evaluate::{Score, UnitScores};
 use scoring::ranking::{SCORES, ScoreDef};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::outside_datasets;
 use storage::shown::cell;
-use storage::{outside_datasets, save_bytes};
 
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -58,9 +58,9 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison>
     outside_datasets(out)?;
     let Ranking { scores, entries, warnings, text } = ranking(named(paths)?)?;
     let partial = Partial::start(out)?;
-    save_bytes(&partial.folder().join("leaderboard.csv"), &leaderboard_csv(&entries)?)?;
-    save_bytes(&partial.folder().join("curves.csv"), &curves_csv(&scores)?)?;
-    save_bytes(&partial.folder().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
+    partial.folder().save_bytes("leaderboard.csv", leaderboard_csv(&entries)?)?;
+    partial.folder().save_bytes("curves.csv", curves_csv(&scores)?)?;
+    partial.folder().save_bytes("leaderboard.html", page(&scores, &warnings)?)?;
     partial.finish(earlier)?;
     Ok(Comparison { entries, warnings, out: out.to_owned(), text })
 }

@@ -1,7 +1,5 @@
 //! Tables of an evaluation: `per_frame.csv`, `matches.csv`, `curves.csv`, `vectors.csv`.
 
-use std::path::Path;
-
 use serde::Serialize;
 
 use scoring::evaluate::curves::Bin;
@@ -9,8 +7,8 @@ use scoring::evaluate::detection::{error, per_frame};
 use scoring::evaluate::matching::NONE;
 use scoring::evaluate::statistics::ratio;
 use scoring::evaluate::{Evaluation, Particles};
+use storage::OutputFolder;
 use storage::error::{Error, Result};
-use storage::save_bytes;
 
 /// Name of the file with all scores.
 pub const SCORE: &str = "score.json";
@@ -19,14 +17,18 @@ pub const SCORE: &str = "score.json";
 pub(super) const UNITS: &str = "units.json";
 
 /// Writes rows as CSV, with the names of their fields as header.
-pub(super) fn rows<R: Serialize>(path: &Path, rows: impl Iterator<Item = R>) -> Result<()> {
-    let failed = |e: csv::Error| Error::Write { path: path.to_owned(), source: std::io::Error::other(e) };
+pub(super) fn rows<R: Serialize>(
+    folder: &OutputFolder,
+    file: &str,
+    rows: impl Iterator<Item = R>,
+) -> Result<()> {
+    let failed = |e: csv::Error| Error::Write { path: folder.join(file), source: std::io::Error::other(e) };
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
         writer.serialize(row).map_err(failed)?;
     }
     let bytes = writer.into_inner().map_err(|e| failed(e.into_error().into()))?;
-    save_bytes(path, &bytes)
+    folder.save_bytes(file, bytes)
 }
 
 #[derive(Serialize)]

@@ -9,16 +9,14 @@
 //! Everything that is published passes through [`redacted`]: `for_team`, the scoring program of Codabench
 //! (which passes on `for_team/score.json`), the leaderboards of `compare` and of suites.
 
-use std::path::Path;
-
 use serde_json::{Number, Value};
 
 use super::files::SCORE;
 use super::{REPORT, page};
 use scoring::evaluate::orientation::Orientation;
 use scoring::evaluate::{Evaluation, Hint, Score};
+use storage::OutputFolder;
 use storage::error::{Error, Result};
-use storage::save_bytes;
 
 /// Name of the folder.
 pub(super) const FOLDER: &str = "for_team";
@@ -45,12 +43,11 @@ const DISTANCES: [&str; 4] = ["rmse", "std_distance", "motp", "interval_motp"];
 const ISBI: [&str; 2] = ["isbi", "isbi_2d"];
 
 /// Writes `score.json`, and `report.html` if asked for, into the folder `for_team`; returns their names.
-pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
-    let folder = folder.join(FOLDER);
-    std::fs::create_dir(&folder).map_err(Error::write(&folder))?;
+pub(super) fn write(folder: &OutputFolder, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
+    let folder = folder.subfolder(FOLDER)?;
     let mut names = Vec::new();
     for (name, text) in published(evaluation, html)? {
-        save_bytes(&folder.join(name), text.as_bytes())?;
+        folder.save_bytes(name, text)?;
         names.push(format!("{FOLDER}/{name}"));
     }
     Ok(names)

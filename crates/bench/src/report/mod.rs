@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use scoring::evaluate::{Evaluation, Score, UnitScores};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::{outside_datasets, save_bytes};
+use storage::{OutputFolder, outside_datasets};
 
 pub use compare::{Comparison, Named, Ranking, compare, ranking};
 pub(crate) use field_page::field_page;
@@ -70,26 +70,26 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
 }
 
 /// Writes the files of an evaluation into a folder that exists; returns their names.
-pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
+pub(crate) fn write_into(folder: &OutputFolder, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let mut names = vec![SCORE, UNITS];
-    save_bytes(&folder.join(SCORE), json(&evaluation.score)?.as_bytes())?;
-    save_bytes(&folder.join(UNITS), units_json(&evaluation.units)?.as_bytes())?;
+    folder.save_bytes(SCORE, json(&evaluation.score)?)?;
+    folder.save_bytes(UNITS, units_json(&evaluation.units)?)?;
     if let Some(particles) = &evaluation.particles {
-        files::rows(&folder.join("per_frame.csv"), files::frames(particles))?;
-        files::rows(&folder.join("matches.csv"), files::matches(particles))?;
-        files::rows(&folder.join("curves.csv"), files::curves(evaluation))?;
+        files::rows(folder, "per_frame.csv", files::frames(particles))?;
+        files::rows(folder, "matches.csv", files::matches(particles))?;
+        files::rows(folder, "curves.csv", files::curves(evaluation))?;
         names.extend(["per_frame.csv", "matches.csv", "curves.csv"]);
     }
     if !evaluation.vectors.is_empty() {
-        files::rows(&folder.join("vectors.csv"), files::vectors(evaluation))?;
+        files::rows(folder, "vectors.csv", files::vectors(evaluation))?;
         names.push("vectors.csv");
     }
     if !evaluation.plane_points.is_empty() {
-        files::rows(&folder.join("planes.csv"), evaluation.plane_points.iter())?;
+        files::rows(folder, "planes.csv", evaluation.plane_points.iter())?;
         names.push("planes.csv");
     }
     if html {
-        save_bytes(&folder.join(REPORT), page::page(evaluation, true)?.as_bytes())?;
+        folder.save_bytes(REPORT, page::page(evaluation, true)?)?;
         names.push(REPORT);
     }
     let mut names: Vec<String> = names.into_iter().map(str::to_owned).collect();

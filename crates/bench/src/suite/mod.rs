@@ -27,9 +27,9 @@ use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, evaluate_files};
 use scoring::ranking::{Contestant, ScoreDef, rank, ranks_fields};
 use site::Site;
+use storage::OutputFolder;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::save_bytes;
 
 /// Name of the table of all scores.
 pub const SUITE_SCORES_CSV: &str = "suite_scores.csv";
@@ -211,10 +211,10 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
         cases: all,
     };
     let csv = table::csv(&scores)?;
-    save_bytes(&partial.folder().join(SUITE_SCORES_CSV), &csv)?;
+    partial.folder().save_bytes(SUITE_SCORES_CSV, &csv)?;
     let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))? + "\n";
-    save_bytes(&partial.folder().join(SUITE_SCORES), json.as_bytes())?;
-    save_bytes(&partial.folder().join(PAGE), page(&scores, &more)?.as_bytes())?;
+    partial.folder().save_bytes(SUITE_SCORES, &json)?;
+    partial.folder().save_bytes(PAGE, page(&scores, &more)?)?;
     if let Some(site) = site {
         let more = Annotations { reports: site.reports().clone(), is_site: true, ..more };
         site.finish(suite, &scores, &page(&scores, &more)?, [&csv, json.as_bytes()])?;
@@ -310,7 +310,7 @@ fn scored_case(
     track: &TrackSpec,
     case: &SuiteCase,
     entered: &[&String],
-    (datasets, out, mut site): (&Path, &Path, Option<&mut Site>),
+    (datasets, out, mut site): (&Path, &OutputFolder, Option<&mut Site>),
     options: &ScoreOptions,
 ) -> Result<CaseScores> {
     let dataset = datasets.join(case.split_folder(Split::Test));
@@ -341,8 +341,7 @@ fn scored_case(
     let (mut results, mut scored, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for (tracker, evaluation) in evaluated {
         if let Ok(Some(evaluation)) = &evaluation {
-            let folder = out.join(SCORES).join(&tracker).join(case.folder());
-            std::fs::create_dir_all(&folder).map_err(Error::write(&folder))?;
+            let folder = out.subfolder(&format!("{SCORES}/{tracker}/{}", case.folder()))?;
             report::write_into(&folder, evaluation, false)?;
             if let Some(site) = &mut site {
                 site.add(&format!("{tracker}/{}", case.folder()), evaluation)?;

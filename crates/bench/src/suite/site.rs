@@ -21,9 +21,8 @@ use crate::report;
 use scenario::{Suite, TrackSpec};
 use scoring::evaluate::Evaluation;
 use scoring::ranking::{Better, ScoreDef};
-use storage::error::{Error, Result};
+use storage::error::Result;
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::save_bytes;
 
 /// Name of the page with the rules.
 pub(super) const RULES: &str = "rules.html";
@@ -64,10 +63,9 @@ impl Site {
     /// Adds the files of a result, `TRACKER/TRACK/CASE`.
     pub(super) fn add(&mut self, result: &str, evaluation: &Evaluation) -> Result<()> {
         let below = format!("{SCORES}/{result}");
-        let folder = self.partial.folder().join(&below);
-        std::fs::create_dir_all(&folder).map_err(Error::write(&folder))?;
+        let folder = self.partial.folder().subfolder(&below)?;
         for (name, text) in report::published(evaluation, true)? {
-            save_bytes(&folder.join(name), text.as_bytes())?;
+            folder.save_bytes(name, text)?;
             self.reports.extend((name == report::REPORT).then(|| format!("{below}/{name}")));
         }
         Ok(())
@@ -95,7 +93,7 @@ impl Site {
             (SUITE_SCORES_CSV, csv),
             (SUITE_SCORES, json),
         ] {
-            save_bytes(&folder.join(name), bytes)?;
+            folder.save_bytes(name, bytes)?;
         }
         self.partial.finish(self.earlier)
     }

@@ -3,18 +3,17 @@
 
 use std::cell::RefCell;
 use std::io::{Seek, SeekFrom, Write};
-use std::path::Path;
 
 use rayon::prelude::*;
 use serde::ser::{Error as _, SerializeSeq};
 use serde::{Serialize, Serializer};
 
 use super::{MANIFEST, Manifest, Resource};
+use storage::OutputFolder;
 use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::FilesBelow;
 use storage::journal::JOURNAL;
-use storage::save;
 
 /// Number of files whose fingerprints are in memory at a time.
 const GROUP: usize = 64;
@@ -24,13 +23,13 @@ const GROUP: usize = 64;
 ///
 /// # Errors
 /// Writing; errors of `entry`.
-pub fn seal(folder: &Path, head: &Manifest, entry: impl Entry) -> Result<()> {
+pub fn seal(folder: &OutputFolder, head: &Manifest, entry: impl Entry) -> Result<()> {
     // Listed here, so that the temporary files of manifest and checksums are not included.
-    let files = RefCell::new(FilesBelow::new(folder)?);
-    let (manifest, sums) = (folder.join(MANIFEST), folder.join(SHA256SUMS));
-    save(&sums, |writer| {
+    let files = RefCell::new(FilesBelow::new(folder.path())?);
+    let manifest = folder.join(MANIFEST);
+    folder.save(SHA256SUMS, |writer| {
         let sums = Sums { writer: RefCell::new(writer), manifest_at: RefCell::new(None) };
-        save(&manifest, |writer| {
+        folder.save(MANIFEST, |writer| {
             let package =
                 Package { head, resources: Resources { files: &files, entry: &entry, sums: &sums } };
             serde_json::to_writer_pretty(&mut *writer, &package)
@@ -133,7 +132,7 @@ mod tests {
             std::fs::write(place.path().join(file), file).unwrap();
         }
         let head = Manifest { name: "x".to_owned(), ..Manifest::default() };
-        seal(place.path(), &head, |path: &str| {
+        seal(&OutputFolder::existing(place.path()), &head, |path: &str| {
             let found = checksums::fingerprint(&place.path().join(path))?;
             Ok((found, Resource { path: path.to_owned(), bytes: found.bytes, ..Resource::default() }))
         })

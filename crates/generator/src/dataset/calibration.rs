@@ -5,8 +5,6 @@
 //! range and reach its upper end; they are the same for all sizes. Stacks at several places of the field of
 //! view are parts of the dataset's sensor: the renderer draws the particle at its place in the frame.
 
-use std::path::Path;
-
 use dataset::manifest::PlaceFacts;
 use dataset::rows::{PLACES, SIZES};
 use dataset::{CalibrationRow, Row, Table, write_table};
@@ -19,8 +17,8 @@ use rayon::prelude::*;
 use super::Camera;
 use crate::preview::depth_of_field_um;
 use scenario::{Scenario, sensor, spec};
+use storage::OutputFolder;
 use storage::error::{Error, Result};
-use storage::save;
 use storage::table_cache::context;
 use visibility::DepthScan;
 
@@ -291,7 +289,7 @@ impl CalibrationStack {
 /// # Errors
 /// Settings that cannot be rendered; writing; errors of `go_on`.
 pub fn write(
-    folder: &Path,
+    folder: &OutputFolder,
     scenario: &Scenario,
     camera: &Camera,
     scan: &DepthScan,
@@ -300,22 +298,23 @@ pub fn write(
     let Some(stack) = CalibrationStack::of(scenario, camera, scan)? else { return Ok(()) };
     for row in (0..stack.images()).step_by(stack.depths_um.len()) {
         for part in ["calibration/particles", "calibration/images"] {
-            let path = folder.join(part.to_owned() + &stack.folder(row));
-            std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+            folder.subfolder(&(part.to_owned() + &stack.folder(row)))?;
         }
     }
-    let path = folder.join("calibration/settings.txt");
-    save(&path, |w| settings_file::write(w, &stack.settings).map_err(Error::write(&path)))?;
+    let file = "calibration/settings.txt";
+    folder
+        .save(file, |w| settings_file::write(w, &stack.settings).map_err(Error::write(&folder.join(file))))?;
     (0..stack.images()).into_par_iter().try_for_each(|row| {
         go_on()?;
         let [image, data] = stack.paths(row);
-        let path = folder.join(data);
         let particle = [stack.particles[row]];
-        save(&path, |w| {
-            data_file::write(w, &particle, data_file::Layout::of(&particle)).map_err(Error::write(&path))
+        let layout = data_file::Layout::of(&particle);
+        folder.save(&data, |w| {
+            data_file::write(w, &particle, layout).map_err(Error::write(&folder.join(&data)))
         })?;
         let plane = StackPlane::of(&stack.depths_um, row % stack.depths_um.len());
-        stack.camera.save(&folder.join(image), &stack.image(row), plane).map(drop)
+        let bytes = stack.camera.tiff(&stack.image(row), plane, &folder.join(&image))?;
+        folder.save_bytes(&image, &*bytes)
     })?;
     write_table(folder, &stack.table, &stack.rows())
 }

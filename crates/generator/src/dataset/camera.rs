@@ -12,7 +12,6 @@ use microsig_core::{Particle, Settings};
 
 use scenario::{Scenario, sensor};
 use storage::error::Result;
-use storage::save_bytes;
 
 /// Renderer, sensor and random streams: everything needed to make an image of particles.
 #[derive(Debug)]
@@ -91,12 +90,11 @@ impl Camera {
         sensor.expose(&part, &self.streams, self.noise, frame)
     }
 
-    /// Writes an image as TIFF with its scale; returns the file's bytes. `plane`: its place in a stack.
-    pub fn save(&self, path: &Path, image: &Image, plane: Option<StackPlane>) -> Result<Pooled<'_, Vec<u8>>> {
+    /// An image as TIFF with its scale. `plane`: its place in a stack; `name`: that of the file, for messages.
+    pub fn tiff(&self, image: &Image, plane: Option<StackPlane>, name: &Path) -> Result<Pooled<'_, Vec<u8>>> {
         let mut bytes = self.files.get();
         let scale = PixelScale { plane, ..self.scale };
-        tiff::write(Cursor::new(&mut *bytes), image, &scale, &path.display().to_string())?;
-        save_bytes(path, &bytes)?;
+        tiff::write(Cursor::new(&mut *bytes), image, &scale, &name.display().to_string())?;
         Ok(bytes)
     }
 }

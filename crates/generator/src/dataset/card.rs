@@ -1,7 +1,5 @@
 //! The dataset card, `README.md` of a dataset.
 
-use std::path::Path;
-
 use dataset::manifest::{
     GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts, ZERO_OF_DATASETS, coordinates,
 };
@@ -13,21 +11,21 @@ use microsig_core::render::Description;
 use microsig_core::sensor::ImageFormat;
 use scenario::spec::{PairSeeding, Timing};
 use scenario::{MotionSource, Scenario, compact};
+use storage::OutputFolder;
 use storage::error::Result;
-use storage::save_bytes;
 
 /// Name of the card.
 const CARD: &str = "README.md";
 
 /// Writes the card into a dataset's folder.
 pub fn write(
-    folder: &Path,
+    folder: &OutputFolder,
     scenario: &Scenario,
     census: &Census,
     image: &ParticleImage,
     sizes: &[SizeFacts],
 ) -> Result<()> {
-    save_bytes(&folder.join(CARD), text(scenario, census, image, sizes)?.as_bytes())
+    folder.save_bytes(CARD, text(scenario, census, image, sizes)?)
 }
 
 fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[SizeFacts]) -> Result<String> {

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use dataset::manifest::MANIFEST;
 use storage::checksums::{self, SHA256SUMS};
-use storage::error::{Error, Result};
+use storage::error::Result;
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::{journal, read_text};
+use storage::read_text;
 
 /// Copies the files listed in a dataset's checksums into a new folder, which is written atomically.
 ///
@@ -19,13 +19,10 @@ pub fn copy(dataset: &Path, out: &Path, force: bool) -> Result<()> {
     let partial = Partial::start(out)?;
     let files = checksums::read(&sums, SHA256SUMS)?;
     for file in files.keys().map(String::as_str).chain([SHA256SUMS]) {
-        let to = partial.folder().join(file);
-        if let Some(within) = to.parent() {
-            std::fs::create_dir_all(within).map_err(Error::write(within))?;
+        if let Some((within, _)) = file.rsplit_once('/') {
+            partial.folder().subfolder(within)?;
         }
-        journal::record_started(&to)?;
-        let bytes = storage::input::read(&dataset.join(file))?;
-        std::fs::write(&to, bytes).map_err(Error::write(&to))?;
+        partial.folder().place(file, &dataset.join(file), false)?;
     }
     partial.finish_without_journal(earlier)
 }

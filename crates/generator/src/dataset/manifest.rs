@@ -36,7 +36,7 @@ pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, hea
     let frames: HashMap<String, u32> = (0..scenario.recordings.frames()).flat_map(paths).collect();
     seal(folder, &head, |path: &str| {
         if partial.lists(path) {
-            return entry(scenario, ledger, &tables, folder, (path, frames.get(path).copied()));
+            return entry(scenario, ledger, &tables, folder.path(), (path, frames.get(path).copied()));
         }
         let path = folder.join(path);
         Err(Error::input(format!("{}: microsig did not write it; move it elsewhere", path.display())))

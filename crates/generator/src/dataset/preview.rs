@@ -1,14 +1,14 @@
 //! The contact sheet of a dataset: an image with a few of its frames.
 
-use std::path::Path;
-
 use image::GrayImage;
 use image::imageops;
 use microsig_core::sensor::Image;
 
+use storage::OutputFolder;
 use storage::error::{Error, Result};
-use storage::save_bytes;
 
+/// Name of the sheet.
+const FILE: &str = "preview.png";
 /// Frames on the sheet.
 const FRAMES: u32 = 6;
 /// Frames side by side: the two images of a pair, or two of a sequence.
@@ -40,8 +40,8 @@ impl Preview {
         self.tiles.push((frame, fit(stretch(image))));
     }
 
-    /// Writes the sheet as PNG.
-    pub fn write(mut self, path: &Path) -> Result<()> {
+    /// Writes the sheet as `preview.png`.
+    pub fn write(mut self, folder: &OutputFolder) -> Result<()> {
         self.tiles.sort_by_key(|&(frame, _)| frame);
         let (width, height) = self.tiles.first().map_or((WIDTH, 1), |(_, tile)| tile.dimensions());
         let rows = (self.tiles.len() as u32).div_ceil(COLUMNS);
@@ -57,8 +57,8 @@ impl Preview {
         let mut bytes = std::io::Cursor::new(Vec::new());
         sheet
             .write_to(&mut bytes, image::ImageFormat::Png)
-            .map_err(|e| Error::Write { path: path.to_owned(), source: std::io::Error::other(e) })?;
-        save_bytes(path, bytes.get_ref())
+            .map_err(|e| Error::Write { path: folder.join(FILE), source: std::io::Error::other(e) })?;
+        folder.save_bytes(FILE, bytes.get_ref())
     }
 }
 

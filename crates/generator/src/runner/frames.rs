@@ -4,8 +4,6 @@
 //! current one are computed in parallel, each frame independently. Memory does not grow with the number of
 //! frames.
 
-use std::path::Path;
-
 use flows::Frame;
 use microsig_core::Particle;
 use microsig_core::formats::data_file;
@@ -18,11 +16,11 @@ use super::recording::Frames;
 use crate::dataset::truth::{Census, FrameText, FrameTruth, Truth, TruthWriter};
 use crate::dataset::{Camera, FrameEntry, Ledger, Preview, Stem};
 use scenario::Scenario;
+use storage::OutputFolder;
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
 use storage::folder::Partial;
-use storage::journal::{self, Listing};
-use storage::save_bytes;
+use storage::journal::Listing;
 
 /// Maximum number of frames in a batch, per thread.
 pub(super) const FRAMES_PER_THREAD: usize = 3;
@@ -132,7 +130,7 @@ struct DatasetWriter {
 }
 
 impl DatasetWriter {
-    fn new(folder: &Path, scenario: &Scenario) -> Result<Self> {
+    fn new(folder: &OutputFolder, scenario: &Scenario) -> Result<Self> {
         Ok(DatasetWriter {
             tables: TruthWriter::create(folder, scenario)?,
             ledger: Ledger::new(),
@@ -153,8 +151,8 @@ impl DatasetWriter {
         Ok(())
     }
 
-    fn finish(mut self, folder: &Path) -> Result<(Census, Ledger, f64)> {
-        self.preview.write(&folder.join("preview.png"))?;
+    fn finish(mut self, folder: &OutputFolder) -> Result<(Census, Ledger, f64)> {
+        self.preview.write(folder)?;
         let census = self.tables.finish(&mut self.ledger)?;
         Ok((census, self.ledger, self.saturated))
     }
@@ -180,7 +178,7 @@ fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
 
 /// The files of frames: data files and images.
 struct FrameFiles<'a> {
-    folder: &'a Path,
+    folder: &'a OutputFolder,
     /// Files that an interrupted run has finished.
     before: &'a Listing,
     scenario: &'a Scenario,
@@ -215,19 +213,22 @@ impl<'a> FrameFiles<'a> {
     fn store(&self, index: u32, rows: &[Particle], image: impl FnOnce() -> Image) -> Result<StoredFrame> {
         let wanted = self.shown.contains(&index);
         let stem = Stem::of(&self.scenario.recordings, index);
-        let (data, path) = (self.folder.join(stem.particles()), self.folder.join(stem.image()));
+        let (data, file) = (stem.particles(), stem.image());
         let mut text = self.files.get();
-        data_file::write(&mut *text, rows, self.scenario.layout).map_err(Error::write(&data))?;
-        save_bytes(&data, &text)?;
+        data_file::write(&mut *text, rows, self.scenario.layout)
+            .map_err(Error::write(&self.folder.join(&data)))?;
+        self.folder.save_bytes(&data, &*text)?;
         let particles = Fingerprint::of(&text);
         drop(text);
-        if let Some(image) = self.finished_before(&stem.image()).filter(|_| !wanted) {
-            journal::finished(&path, &image)?;
+        if let Some(image) = self.finished_before(&file).filter(|_| !wanted) {
+            self.folder.finished(&file, &image)?;
             return Ok(StoredFrame { particles, image, picture: None });
         }
         let drawn = image();
-        let image = Fingerprint::of(&self.camera.save(&path, &drawn, None)?);
-        journal::finished(&path, &image)?;
+        let bytes = self.camera.tiff(&drawn, None, &self.folder.join(&file))?;
+        self.folder.save_bytes(&file, &*bytes)?;
+        let image = Fingerprint::of(&bytes);
+        self.folder.finished(&file, &image)?;
         Ok(StoredFrame { particles, image, picture: wanted.then_some(drawn) })
     }
 

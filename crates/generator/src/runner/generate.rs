@@ -111,9 +111,9 @@ pub(super) fn assemble(
 ) -> Result<Generated> {
     let folder = partial.folder();
     source::write(folder, scenario)?;
-    let (census, ledger, saturated) = frames(&partial).map_err(|e| e.below(folder))?;
+    let (census, ledger, saturated) = frames(&partial).map_err(|e| e.below(folder.path()))?;
     calibration::write(folder, scenario, camera, scan, || options.progress.check())
-        .map_err(|e| e.below(folder))?;
+        .map_err(|e| e.below(folder.path()))?;
     options.progress.check()?;
     let image = truth::write(folder, scenario, scan)?;
     let preview = Preview::from_scan(scenario, scan)?;
@@ -122,7 +122,7 @@ pub(super) fn assemble(
     options.progress.check()?;
     manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image, &sizes))?;
 
-    let of_images = camera.renderer().shortfall();
+    let (of_images, of_locks) = (camera.renderer().shortfall(), partial.warning());
     let implausible = plausibility::warnings(scenario, &census, &image, saturated)?;
     partial.finish_without_journal(Earlier::new(MANIFEST, options.force))?;
     Ok(Generated {
@@ -137,7 +137,14 @@ pub(super) fn assemble(
         }),
         seconds: 0.0,
         optics: preview::lines(&preview),
-        warnings: scenario.warnings.iter().cloned().chain(of_images).chain(implausible).collect(),
+        warnings: scenario
+            .warnings
+            .iter()
+            .cloned()
+            .chain(of_images)
+            .chain(of_locks)
+            .chain(implausible)
+            .collect(),
     })
 }
 
@@ -224,8 +231,7 @@ fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partia
 /// Creates the folders for frames and truth.
 pub(super) fn folders(partial: &Partial) -> Result<()> {
     for part in ["particles", "images", "truth"] {
-        let path = partial.folder().join(part);
-        std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+        partial.folder().subfolder(part)?;
     }
     Ok(())
 }

@@ -17,9 +17,9 @@ use super::progress::Progress;
 use crate::dataset::Camera;
 use dataset::manifest::MANIFEST;
 use storage::error::{Error, Result};
-use storage::folder::{Earlier, FolderClaim, Partial};
-use storage::may_write;
+use storage::folder::{Earlier, FolderClaim};
 use storage::table_cache::context;
+use storage::{OutputFolder, may_write};
 
 /// Options of [`render`].
 #[derive(Debug, Clone)]
@@ -113,7 +113,8 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     } else {
         (Some(claim.start(true)?), None)
     };
-    let folder = partial.as_ref().map_or(options.out.as_path(), Partial::folder);
+    let folder =
+        partial.as_ref().map_or(OutputFolder::existing(&options.out), |partial| partial.folder().clone());
     if options.progress.has_notes() {
         announce(&files, particles, &camera, &options.progress)?;
     }
@@ -122,12 +123,13 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     files.par_iter().zip(&image_names).enumerate().try_for_each(|(i, (file, name))| {
         options.progress.check()?;
         let image = camera.image(&read(file)?, options.first_frame + i as u32);
-        camera.save(&folder.join(name), &image, None)?;
+        folder.save_bytes(name, &*camera.tiff(&image, None, &folder.join(name))?)?;
         bar.inc(1);
         Ok::<(), Error>(())
     })?;
     bar.finish();
     if let Some(partial) = partial {
+        warnings.extend(partial.warning());
         partial.finish_without_journal(Earlier::new(MANIFEST, false))?;
     }
     warnings.extend(camera.renderer().shortfall());

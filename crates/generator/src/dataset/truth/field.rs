@@ -8,8 +8,6 @@
 //! peak, or the curvature of the autocorrelation at its peak, times the square of the illumination at that
 //! depth. The number density is assumed to be uniform over depth.
 
-use std::path::Path;
-
 use dataset::rows::{BACKWARD, WEIGHTED, WINDOW};
 use dataset::{FieldRow, Row, Table, TableWriter};
 use flows::VelocityField;
@@ -20,6 +18,7 @@ use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 use rayon::prelude::*;
 
 use scenario::{Nodes, Scenario, Weighting};
+use storage::OutputFolder;
 use storage::error::Result;
 use visibility::{DepthScan, ScanImage};
 
@@ -64,7 +63,7 @@ fn grid(scenario: &Scenario) -> Option<(Nodes, &dyn VelocityField)> {
 ///
 /// # Errors
 /// Writing.
-pub(super) fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<()> {
+pub(super) fn write(folder: &OutputFolder, scenario: &Scenario, stack: &DepthScan) -> Result<()> {
     let Some((nodes, field)) = grid(scenario) else { return Ok(()) };
     let table = table(&nodes);
     let mut writer = TableWriter::create(folder, &table)?;

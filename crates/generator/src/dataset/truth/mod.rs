@@ -5,8 +5,6 @@ pub mod depth;
 pub mod field;
 mod viewer;
 
-use std::path::Path;
-
 use flows::Scene;
 use flows::frame::{Frame, Tracer};
 use glam::{DMat3, DVec3};
@@ -22,6 +20,7 @@ use dataset::rows::{GRADIENT, OPTICS};
 use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table, TableWriter, TrackRow, write_table};
 use depth::ParticleImage;
 use scenario::Scenario;
+use storage::OutputFolder;
 use storage::error::Result;
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
@@ -40,7 +39,7 @@ pub fn tracks(scenario: &Scenario) -> Table {
 ///
 /// # Errors
 /// Settings that cannot be rendered; writing.
-pub fn write(folder: &Path, scenario: &Scenario, scan: &DepthScan) -> Result<ParticleImage> {
+pub fn write(folder: &OutputFolder, scenario: &Scenario, scan: &DepthScan) -> Result<ParticleImage> {
     field::write(folder, scenario, scan)?;
     let (rows, image) = depth::measure(scenario, scan)?;
     write_table(folder, &DepthRow::table(&[]), &rows)?;
@@ -380,7 +379,7 @@ impl TruthWriter {
     ///
     /// # Errors
     /// Writing.
-    pub(crate) fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
+    pub(crate) fn create(folder: &OutputFolder, scenario: &Scenario) -> Result<Self> {
         let start = |table: &Table| TableWriter::create(folder, table);
         Ok(TruthWriter {
             frames: start(&FrameRow::table(&[]))?,
