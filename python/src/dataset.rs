@@ -8,6 +8,7 @@ use dataset::TableReader;
 use dataset::manifest::Manifest;
 use generator::runner::{GenerateOptions, MemoryDataset};
 use microsig_core::formats::tiff;
+use microsig_core::render::Context;
 use microsig_core::sensor::Counts;
 use numpy::ndarray::{ArrayView3, IntoDimension};
 use numpy::{Element, PyArray1, PyArray3, PyArrayMethods};
@@ -42,7 +43,13 @@ pub(crate) struct ScenarioText {
 impl ScenarioText {
     /// The scenario, every rule checked.
     pub(crate) fn resolve(&self) -> storage::Result<Scenario> {
-        scenario::load_text(&self.text, (&self.name, &self.folder), &self.assignments, self.seed)
+        scenario::load_text(
+            &self.text,
+            (&self.name, &self.folder),
+            &self.assignments,
+            self.seed,
+            &Context::default(),
+        )
     }
 }
 
@@ -256,7 +263,8 @@ fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<Object> {
 /// Scenario, as [`written`] gives it, and settings of a dataset's folder.
 #[pyfunction]
 fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(Object, String, Bound<'py, PyDict>)> {
-    let scenario = run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset))?.0;
+    let scenario =
+        run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset, &Context::default()))?.0;
     let (spec, ron) = written(&scenario).map_err(raise)?;
     Ok((spec, ron, settings(py, &scenario)?))
 }

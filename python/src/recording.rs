@@ -1,5 +1,6 @@
 //! Recordings of one's own.
 
+use microsig_core::render::Context;
 use std::path::PathBuf;
 
 use fit::StagePositions;
@@ -84,6 +85,7 @@ fn import_recording(py: Python<'_>, out: PathBuf, how: How, show: Show<'_>) -> P
             copy: how.copy,
             force: how.force,
             progress: progress.clone(),
+            context: Context::default(),
         };
         import(&out, &options)
     })?;

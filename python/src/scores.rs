@@ -1,5 +1,6 @@
 //! Trackers and scores.
 
+use microsig_core::render::Context;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -94,6 +95,7 @@ impl How {
             auto_offset: self.auto_offset,
             crlb: self.crlb,
             seed: self.seed,
+            context: Context::default(),
         })
     }
 }
@@ -221,6 +223,7 @@ fn track<'py>(
             ensemble,
             shape: if spheroids { ParticleShape::Spheroid { aspect } } else { ParticleShape::Sphere },
             progress: progress.clone(),
+            context: Context::default(),
         };
         result(&dataset, &options)
     })?;
@@ -263,7 +266,7 @@ impl SweepCases {
         let case = case.ok_or_else(|| PyIndexError::new_err(format!("case {index} does not exist")))?;
         let spec = self.sweep.scenario(case).map_err(raise)?;
         let inputs = self.inputs.clone();
-        Made::of(py, false.into(), move || resolve(spec, &inputs))
+        Made::of(py, false.into(), move || resolve(spec, &inputs, &Context::default()))
     }
 }
 

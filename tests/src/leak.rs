@@ -327,7 +327,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 pub fn guess_by_place(dataset: &Path, seeds: std::ops::Range<u64>) -> anyhow::Result<Option<u64>> {
     let path = dataset.join("scenario.ron");
     let spec = scenario::parse(&std::fs::read_to_string(&path)?, &path.display().to_string())?;
-    let scenario = scenario::resolve(spec, dataset)?;
+    let scenario = scenario::resolve(spec, dataset, &microsig_core::render::Context::default())?;
     let first =
         rows(&std::fs::read(dataset.join("truth/tracks.csv"))?).into_iter().next().context("a particle")?;
     let scene = scenario.scene(scenario.field().context("a velocity field")?)?;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use microsig_core::formats::tiff;
+use microsig_core::render::Context;
 use microsig_core::sensor::Counts;
 use suite::microsig::{fail, path, run};
 use suite::{counts, image_size};
@@ -47,7 +48,7 @@ fn unrounded_counts_hold_the_light_that_rounding_loses() {
     println!("{:.2} % of {:.0} counts are lost by rounding", 100.0 * lost, light(&unrounded));
     assert!(lost > 0.01, "{lost}");
     // The light of the renderer itself, but for f32.
-    let (scenario, _) = scenario::of_dataset(&float).unwrap();
+    let (scenario, _) = scenario::of_dataset(&float, &Context::default()).unwrap();
     let rows = suite::particles(&float.join("particles/frame_00000.txt")).unwrap();
     let drawn = scenario.renderer.light(&rows, &scenario.streams, microsig_core::stream::Purpose::Rays, 0);
     let total = drawn.values.iter().sum::<f64>() * scenario.settings.gain;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 
 use microsig_core::formats::{data_file, tiff};
+use microsig_core::render::Context;
 use microsig_core::render::waves::{Lens, WaveOptics, WavesRenderer};
 use microsig_core::{Particle, Settings};
 use scenario::{parse, resolve};
@@ -221,7 +222,7 @@ fn seen(place: &Path, mode: &str, optics: &str, particles: &str) -> f64 {
          particles: (number: file(\"place.txt\"), {particles}), boundaries: (z_um: (-10, 10)), \
          timing: sequence(frames: 1, dt_s: 1), calibration: none, render: ({mode}))"
     );
-    let scenario = resolve(parse(&text, "s.ron").unwrap(), place).unwrap();
+    let scenario = resolve(parse(&text, "s.ron").unwrap(), place, &Context::default()).unwrap();
     let out = place.join("one");
     let options = generator::runner::GenerateOptions {
         out: out.clone(),

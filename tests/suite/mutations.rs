@@ -11,6 +11,7 @@ use flows::RecordedTracks;
 use flows::scale::Scale;
 use flows::velocity_grid::{GridGeometry, VelocityGrid};
 use microsig_core::formats::{data_file, settings_file, tiff};
+use microsig_core::render::Context;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Conventions, Limits};
 
@@ -161,7 +162,7 @@ fn scenarios_and_sweeps_are_read_as_hostile_input() {
     mutated(SCENARIO.as_bytes(), |bytes| {
         text(bytes, |text| {
             if let Ok(spec) = scenario::parse(text, "m") {
-                drop(scenario::resolve(spec, place.path()));
+                drop(scenario::resolve(spec, place.path(), &Context::default()));
             }
         });
     });

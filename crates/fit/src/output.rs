@@ -172,6 +172,7 @@ pub(super) fn images(problem: &Problem, state: &State) -> Result<[OutputFile; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use microsig_core::render::Context;
     use microsig_core::render::waves::{Emission, Layers, Lens};
 
     fn twin(depth_factor: f64, diameter_um: f64, depths_um: (f64, f64), optics: (String, String)) -> String {
@@ -196,7 +197,9 @@ mod tests {
         settings_file::write(&mut settings, &Settings::setting1()).unwrap();
         std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
         let text = twin(1.33, 2.00004, (-60.123, 19.5), (String::new(), String::new()));
-        let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
+        let scenario =
+            scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None, &Context::default())
+                .unwrap();
         assert_eq!(
             (scenario.spec.name.as_str(), scenario.spec.boundaries.z_um),
             ("twin", Some((-60.12, 19.5)))
@@ -217,7 +220,9 @@ mod tests {
         let depths_um = in_fluid((-120.0, 3.0), Some(&waves.model), 0.2);
         assert_eq!(depths_um, (-99.9, 3.0));
         let text = twin(1.0, 0.2, depths_um, wave_keys(&waves));
-        let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
+        let scenario =
+            scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None, &Context::default())
+                .unwrap();
         let text = format!("{:?}", scenario.spec);
         assert!(
             text.contains("(11, 0.07)") && text.contains("Aplanatic") && text.contains("Volume"),

@@ -26,6 +26,7 @@ use std::sync::Arc;
 use dataset::CalibrationRow;
 use flows::Tracer;
 use microsig_core::Particle;
+use microsig_core::render::Context;
 use microsig_core::sensor::Image;
 use rayon::prelude::*;
 use scenario::spec::{
@@ -188,7 +189,7 @@ impl Recording {
             particles: cloud.particles.clone(),
             ..Spec::new("recording", flow.into(), timing)
         };
-        Self::of(build(spec, Path::new("."))?)
+        Self::of(build(spec, Path::new("."), &Context::default())?)
     }
 
     /// The recording of a scenario.

@@ -22,6 +22,7 @@ mod stacks;
 
 use std::path::{Path, PathBuf};
 
+use microsig_core::render::Context;
 use serde::Serialize;
 
 use correction::Correction;
@@ -77,6 +78,8 @@ pub struct ImportOptions {
     pub force: bool,
     /// Progress display.
     pub progress: Progress,
+    /// What renderers work with.
+    pub context: Context,
 }
 
 impl ImportOptions {
@@ -143,7 +146,8 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     let earlier = Earlier::new(MANIFEST, options.force);
     check_replaceable(out, earlier)?;
     let spinner = options.progress.spinner("reading the scan");
-    let optics = options.optics.as_deref().map(optics::Optics::read).transpose()?;
+    let optics = options.optics.as_deref();
+    let optics = optics.map(|file| optics::Optics::read(file, &options.context)).transpose()?;
     let um_per_px =
         options.um_per_px.or(optics.as_ref().map(optics::Optics::um_per_px)).ok_or_else(|| {
             let needed =

@@ -9,11 +9,11 @@ use std::path::Path;
 use dataset::manifest::{OpticsFacts, WaveFacts};
 use generator::dataset::manifest::{self, wave_facts};
 use generator::runner::Bar;
+use microsig_core::render::Context;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use scenario::Scenario;
 use storage::error::{Error, Result};
-use storage::table_cache::context;
 use tracking::GrayImage;
 
 use super::stacks::Stacks;
@@ -61,8 +61,8 @@ impl Optics {
     ///
     /// # Errors
     /// A scenario that cannot be used.
-    pub(crate) fn read(file: &Path) -> Result<Self> {
-        Ok(Optics { scenario: scenario::load(file, &[], None)?, file: file.display().to_string() })
+    pub(crate) fn read(file: &Path, context: &Context) -> Result<Self> {
+        Ok(Optics { scenario: scenario::load(file, &[], None, context)?, file: file.display().to_string() })
     }
 
     /// Edge of a pixel in object space, um.
@@ -87,7 +87,8 @@ impl Optics {
         let reach = BEYOND * (high - low);
         let n = ((high - low + 2.0 * reach) / step) as usize + 1;
         let first = low - reach;
-        let renderer = scenario.spec.renderer().with_derivatives(TOLERANCE).build(&settings, &context())?;
+        let renderer =
+            scenario.spec.renderer().with_derivatives(TOLERANCE).build(&settings, &scenario.context)?;
         let middle = f64::from(side / 2 + 1);
         let at = |k: usize| Particle::sphere(middle, middle, (first + step * k as f64) / depth_factor, d_um);
         let particles: Vec<Particle> = (0..n).map(at).collect();

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use microsig_core::render::Context;
+
 use super::language::problems::Problems;
 use super::spec;
 use storage::input;
@@ -23,15 +25,17 @@ pub struct Input {
 pub(super) struct Findings<'a> {
     /// Folder of the scenario, to which its paths are relative.
     folder: &'a Path,
+    /// What renderers work with.
+    pub(super) context: &'a Context,
     pub(super) inputs: Vec<Input>,
     pub(super) problems: Problems,
     pub(super) warnings: Vec<String>,
 }
 
 impl<'a> Findings<'a> {
-    pub(super) fn new(folder: &'a Path) -> Self {
+    pub(super) fn new(folder: &'a Path, context: &'a Context) -> Self {
         let problems = Problems::among(|path| spec::schema().find(path).is_some());
-        Findings { folder, inputs: Vec::new(), problems, warnings: Vec::new() }
+        Findings { folder, context, inputs: Vec::new(), problems, warnings: Vec::new() }
     }
 
     pub(super) fn warn(&mut self, warning: impl Into<String>) {
@@ -69,7 +73,8 @@ mod tests {
 
     #[test]
     fn a_kept_file_has_a_name_on_one_line() {
-        let mut findings = Findings::new(Path::new("."));
+        let context = Context::default();
+        let mut findings = Findings::new(Path::new("."), &context);
         let mut keep = |name| findings.keep("particles.number", Path::new(name), Vec::new());
         assert_eq!([keep("a\nb.txt"), keep("a_b.txt")], ["inputs/a_b.txt", "inputs/2_a_b.txt"]);
     }

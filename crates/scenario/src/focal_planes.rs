@@ -87,6 +87,7 @@ pub(super) fn center(
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::render::Context;
     use std::path::Path;
 
     use crate::{parse, resolve};
@@ -98,7 +99,7 @@ mod tests {
              render: (mode: waves, wavelength_um: 0.52))"
         );
         let spec = parse(&text, "c.ron").map_err(|e| e.to_string())?;
-        resolve(spec, Path::new(".")).map_err(|e| e.to_string())
+        resolve(spec, Path::new("."), &Context::default()).map_err(|e| e.to_string())
     }
 
     const WATER: &str = "lens: aplanatic, layers: (n_s: 1.33, focus_depth_um: 60)";

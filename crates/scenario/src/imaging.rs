@@ -3,7 +3,7 @@
 
 use flows::scale::Scale;
 use flows::{Diameters, Shutter};
-use microsig_core::render::Renderer;
+use microsig_core::render::{Context, Renderer};
 use microsig_core::sensor::{Detector, ImageFormat};
 use microsig_core::{Particle, Settings, Spheroid};
 
@@ -13,7 +13,6 @@ use super::findings::Findings;
 use super::optics::{clipped, response};
 use super::spec::{Calibration, Spec};
 use storage::error::Result;
-use storage::table_cache::context;
 use visibility::DepthScan;
 
 /// What images the particles.
@@ -35,7 +34,7 @@ impl Imaging {
         drawing::check(spec, &settings, &mut found.problems)?;
         let scale = found.problems.of("optics", scale(spec, &settings))?;
         let shutter = spec.timing.shutter(scale.um_per_px(), &mut found.problems);
-        let renderer = found.problems.of("optics", spec.renderer().build(&settings, &context()))?;
+        let renderer = found.problems.of("optics", spec.renderer().build(&settings, found.context))?;
         found.warnings.extend(renderer.warning());
         if spec.image_format() == ImageFormat::Integer {
             let response = found.problems.of("sensor", response(&settings, detector.as_ref()))?;
@@ -110,8 +109,9 @@ pub(super) fn scan(
     (settings, depth_factor): (&Settings, f64),
     d_um: f64,
     range_um: (f64, f64),
+    context: &Context,
 ) -> Result<DepthScan> {
     let renderer = spec.renderer().for_depth_scans();
-    let draw = |settings: &Settings| Ok(renderer.clone().build(settings, &context())?);
+    let draw = |settings: &Settings| Ok(renderer.clone().build(settings, context)?);
     DepthScan::measure(draw, settings, d_um, range_um, depth_factor)
 }

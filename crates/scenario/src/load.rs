@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use flows::fields::UniformParams;
 
+use microsig_core::render::Context;
+
 use super::language::graft::{assigned, graft};
 use super::language::problems::Problems;
 use super::language::text::{Content, Node};
@@ -68,10 +70,10 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
 /// # Errors
 /// [`Error::Problems`] with all problems of text, assignments and values. Constraints between values are
 /// checked as far as the values can be read.
-pub fn load(file: &Path, assignments: &[String], seed: Option<u64>) -> Result<Scenario> {
+pub fn load(file: &Path, assignments: &[String], seed: Option<u64>, context: &Context) -> Result<Scenario> {
     // Files that a scenario refers to are read when it is resolved.
     let found = ScenarioText::open(file)?;
-    load_text(&found.text, (&found.name, &found.folder), assignments, seed)
+    load_text(&found.text, (&found.name, &found.folder), assignments, seed, context)
 }
 
 /// [`load`] for a text, with its name in messages and the folder that paths in it are relative to.
@@ -83,6 +85,7 @@ pub fn load_text(
     (name, folder): (&str, &Path),
     assignments: &[String],
     seed: Option<u64>,
+    context: &Context,
 ) -> Result<Scenario> {
     let source = Arc::new(Source::file(name, text));
     let (mut tree, mut problems) = (tree(&source)?, Problems::default());
@@ -98,7 +101,7 @@ pub fn load_text(
         return Err(Error::Problems(problems.sorted()));
     };
     spec.seed = seed.unwrap_or(spec.seed);
-    let found = match resolve(spec, folder) {
+    let found = match resolve(spec, folder, context) {
         Ok(scenario) if !problems.any() => return Ok(scenario),
         Err(Error::Problems(found)) => found,
         Err(other) if !problems.any() => return Err(other),
@@ -126,10 +129,10 @@ pub fn load_text(
 ///
 /// # Errors
 /// A missing file; [`Error::Problems`] for a scenario that this version cannot read.
-pub fn of_dataset(dataset: &Path) -> Result<(Scenario, String)> {
+pub fn of_dataset(dataset: &Path, context: &Context) -> Result<(Scenario, String)> {
     let path = dataset.join(SCENARIO);
     let text = read_text(&path)?;
-    let scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+    let scenario = resolve(parse(&text, &path.display().to_string())?, dataset, context)?;
     Ok((scenario, text))
 }
 
@@ -138,7 +141,7 @@ pub fn of_dataset(dataset: &Path) -> Result<(Scenario, String)> {
 ///
 /// # Errors
 /// [`Error::Problems`] with all values that are out of range or contradict each other.
-pub fn build(spec: Spec, folder: &Path) -> Result<Scenario> {
+pub fn build(spec: Spec, folder: &Path, context: &Context) -> Result<Scenario> {
     let (motion, still) = match spec.motion {
         Motion::Own(field) => (Some(Motion::Own(field)), UniformParams::default().into()),
         listed => (None, listed),
@@ -149,7 +152,7 @@ pub fn build(spec: Spec, folder: &Path) -> Result<Scenario> {
         return Err(Error::Problems(problems.sorted().into_iter().map(unplaced).collect()));
     };
     let motion = motion.unwrap_or_else(|| read.motion.clone());
-    resolve(Spec { motion, ..read }, folder)
+    resolve(Spec { motion, ..read }, folder, context)
 }
 
 /// The scenario with the value at `path` replaced.
@@ -203,7 +206,7 @@ mod tests {
         let file = folder.path().join("s.ron");
         std::fs::write(&file, text).unwrap();
         let set: Vec<String> = set.iter().map(|&set| set.to_owned()).collect();
-        let found = load(&file, &set, None).unwrap_err().to_string();
+        let found = load(&file, &set, None, &Context::default()).unwrap_err().to_string();
         found.replace(&file.display().to_string(), "s.ron").lines().map(str::to_owned).collect()
     }
 
@@ -228,14 +231,16 @@ mod tests {
         let Timing::Pairs(pairs) = spec.timing else { panic!() };
         let timing = Timing::Pairs(Pairs { dt_s: f64::NAN, ..pairs });
         let optics = Optics { gain: Some(f64::INFINITY), ..spec.optics.clone() };
-        let error = build(Spec { timing, optics, ..spec.clone() }, Path::new(".")).unwrap_err().to_string();
+        let error = build(Spec { timing, optics, ..spec.clone() }, Path::new("."), &Context::default())
+            .unwrap_err()
+            .to_string();
         assert_begin(
             &error.lines().map(str::to_owned).collect::<Vec<_>>(),
             &["optics.gain = inf: expected a number, 0 to 1e6", "timing.pairs.dt_s = NaN: expected a number"],
         );
         // Infinity where a file may have it.
         let sensor = Some(Sensor { full_well_e: f64::INFINITY, ..Sensor::default() });
-        assert!(build(Spec { sensor, ..spec }, Path::new(".")).is_ok());
+        assert!(build(Spec { sensor, ..spec }, Path::new("."), &Context::default()).is_ok());
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use microsig_core::render::Context;
 use serde_json::Value;
 
 use super::language::document::{self, Page, Picture};
@@ -19,7 +20,7 @@ const FIVE_LINES: &str = r#"(
 
 /// The five lines with every default filled in.
 fn filled() -> Result<Value> {
-    let spec = resolve(parse(FIVE_LINES, "five lines")?, Path::new("."))?.spec;
+    let spec = resolve(parse(FIVE_LINES, "five lines")?, Path::new("."), &Context::default())?.spec;
     serde_json::to_value(&spec).map_err(|e| Error::input(e.to_string()))
 }
 
@@ -87,7 +88,9 @@ mod tests {
     /// The lines that are not commented out give the same scenario as the five lines.
     #[test]
     fn the_template_has_the_defaults() {
-        let spec = |text: &str| resolve(parse(text, "s.ron").unwrap(), Path::new(".")).unwrap().spec;
+        let spec = |text: &str| {
+            resolve(parse(text, "s.ron").unwrap(), Path::new("."), &Context::default()).unwrap().spec
+        };
         let template = template().unwrap();
         let (template, five): (Spec, Spec) = (spec(&template), spec(FIVE_LINES));
         assert_eq!(template, five);

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use flows::{Diameters, Domain, FluidRegion, Illumination, KeptShares, Seeding, Shutter, VelocityField};
 use microsig_core::Settings;
 use microsig_core::formats::data_file::Layout;
+use microsig_core::render::Context;
 use microsig_core::sensor::Detector;
 use microsig_core::stream::Streams;
 
@@ -31,12 +32,13 @@ use super::truth_grid::TruthGrid;
 use super::volume;
 use storage::error::{Error, Result};
 
-/// Fills in defaults and checks a scenario; the paths of files in it are relative to `folder`.
+/// Fills in defaults and checks a scenario; the paths of files in it are relative to `folder`, and its
+/// renderers work with `context`.
 ///
 /// # Errors
 /// [`Error::Problems`] with all problems at once, each with the path of its key.
-pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
-    let mut found = Findings::new(folder);
+pub fn resolve(mut spec: Spec, folder: &Path, context: &Context) -> Result<Scenario> {
+    let mut found = Findings::new(folder, context);
     name(&spec.name, &mut found.problems);
     let whole = Sections::resolve(&mut spec, &mut found).and_then(|s| s.joined(&mut spec, &mut found));
     let Findings { inputs, problems, mut warnings, .. } = found;
@@ -52,6 +54,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         spec,
         settings: imaging.settings,
         renderer: imaging.renderer,
+        context: context.clone(),
         detector: imaging.detector,
         inputs,
         warnings,
@@ -182,7 +185,7 @@ impl Sections {
                 // Taken out temporarily, because the scan needs the rest of the scenario.
                 let mut particles = std::mem::take(&mut spec.particles);
                 let optics = (&imaging.settings, imaging.scale.depth_factor());
-                let stack = || scan(spec, optics, mean_um, depth_range_um);
+                let stack = || scan(spec, optics, mean_um, depth_range_um, found.context);
                 let optics = (&imaging.scale, &imaging.settings);
                 let seeding = particles.seeding(diameters, optics, z_um, stack, found);
                 spec.particles = particles;
@@ -288,7 +291,7 @@ mod tests {
     )"#;
 
     fn resolved(text: &str) -> Result<Scenario> {
-        resolve(parse(text, "s.ron").unwrap(), Path::new("."))
+        resolve(parse(text, "s.ron").unwrap(), Path::new("."), &Context::default())
     }
 
     #[test]
@@ -324,7 +327,7 @@ mod tests {
                 &format!("sum([uniform(), translated(field: {gridded}, by: ()), {gridded}])"),
             )
             .replace("timing", "particles: (number: file(\"some.txt\")), timing");
-        let scenario = resolve(parse(&text, "s.ron").unwrap(), folder.path()).unwrap();
+        let scenario = resolve(parse(&text, "s.ron").unwrap(), folder.path(), &Context::default()).unwrap();
         let spec = serde_json::to_value(&scenario.spec).unwrap();
         assert_eq!(scenario.inputs.len(), 3);
         for input in &scenario.inputs {

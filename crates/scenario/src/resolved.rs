@@ -10,7 +10,7 @@ use flows::{
 use glam::DVec3;
 use microsig_core::Settings;
 use microsig_core::formats::data_file::Layout;
-use microsig_core::render::Renderer;
+use microsig_core::render::{Context, Renderer};
 use microsig_core::sensor::{Detector, Response, Sensor};
 use microsig_core::stream::Streams;
 
@@ -25,7 +25,6 @@ use super::recordings::Recordings;
 use super::spec::{Calibration, Number, Spec};
 use super::truth_grid::Nodes;
 use storage::error::{Error, Result};
-use storage::table_cache::context;
 use visibility::{DepthScan, NoiseFree};
 
 /// A valid scenario with all defaults filled in.
@@ -41,6 +40,8 @@ pub struct Scenario {
     pub settings: Settings,
     /// Renders particle images.
     pub renderer: Renderer,
+    /// What this renderer and others of the scenario work with.
+    pub context: Context,
     /// The camera; `None` is MicroSIG's own sensor.
     pub detector: Option<Detector>,
     /// Files that the scenario refers to, copied to `inputs/` of the dataset; `spec` refers to the copies.
@@ -213,7 +214,7 @@ impl Scenario {
     /// # Errors
     /// Depths at which the particle cannot be rendered.
     pub fn scan(&self, d_um: f64, range_um: (f64, f64)) -> Result<DepthScan> {
-        scan(&self.spec, (&self.settings, self.depth_factor()), d_um, range_um)
+        scan(&self.spec, (&self.settings, self.depth_factor()), d_um, range_um, &self.context)
     }
 
     /// [`Self::scan`] of the mean diameter through the depth range.
@@ -245,7 +246,7 @@ impl Scenario {
         if !self.renderer.has_ray_noise() {
             return Ok(self.renderer.clone());
         }
-        Ok(self.spec.renderer().without_ray_noise(tolerance).build(&self.settings, &context())?)
+        Ok(self.spec.renderer().without_ray_noise(tolerance).build(&self.settings, &self.context)?)
     }
 
     /// Noise-free images of single particles.
@@ -311,7 +312,7 @@ impl Scenario {
         }
         optics.apply(&mut self.settings);
         if path.starts_with("particles") {
-            let (mut found, region) = (Findings::new(Path::new(".")), self.domain.region());
+            let (mut found, region) = (Findings::new(Path::new("."), &self.context), self.domain.region());
             let scan = || Err(Error::input("particles.number: a source density cannot be replaced"));
             let (diameters, optics) = (self.seeding.diameters().clone(), (&self.scale, &self.settings));
             let z_um = (region.min().z, region.max().z);

@@ -91,6 +91,8 @@ impl ScenarioText {
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::render::Context;
+
     use super::*;
 
     #[test]
@@ -100,7 +102,7 @@ mod tests {
         let folder = ScenarioText::open(Path::new("recorded_tracks")).unwrap().folder;
         assert!(!folder.exists(), "removed with the text");
         for name in ["recorded_tracks", "piv_bias"] {
-            crate::load(Path::new(name), &[], None).unwrap();
+            crate::load(Path::new(name), &[], None, &Context::default()).unwrap();
         }
         let sweep = ScenarioText::open(Path::new("gdpt_1_sweep")).unwrap();
         crate::parse_sweep(&sweep.text, &sweep.name, &sweep.folder, None).unwrap();

@@ -6,11 +6,10 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 
-use microsig_core::render::{Context, TableStore};
+use microsig_core::render::TableStore;
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
@@ -26,18 +25,6 @@ const MOST_MB: u64 = 2000;
 const ENDING: &str = "table";
 /// Age at which temporary files count as left over, s.
 const LEFT_OVER_S: u64 = 3600;
-
-static CONTEXT: OnceLock<Context> = OnceLock::new();
-
-/// Gives all renderers that this program builds a context, from now on; `false` if they have one already.
-pub fn keep(context: Context) -> bool {
-    CONTEXT.set(context).is_ok()
-}
-
-/// The context of the renderers that this program builds: without a store unless [`keep`] gave one.
-pub fn context() -> Context {
-    CONTEXT.get().cloned().unwrap_or_default()
-}
 
 /// The folder.
 #[derive(Debug)]

@@ -48,6 +48,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use glam::DVec3;
+use microsig_core::render::Context;
 use serde::Serialize;
 
 use dataset::Columns;
@@ -142,6 +143,8 @@ pub struct TrackOptions {
     pub shape: ParticleShape,
     /// Progress display.
     pub progress: Progress,
+    /// What the renderers of `mle` work with.
+    pub context: Context,
 }
 
 impl TrackOptions {
@@ -175,6 +178,7 @@ impl TrackOptions {
             ensemble: false,
             shape: ParticleShape::Sphere,
             progress,
+            context: Context::default(),
         }
     }
 }

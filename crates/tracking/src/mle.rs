@@ -9,7 +9,7 @@
 use dataset::manifest::Manifest;
 use glam::DVec3;
 use microsig_core::optics::FieldOptics;
-use microsig_core::render::{Gradient, RenderMethod, Renderer, RendererSpec, Window};
+use microsig_core::render::{Context, Gradient, RenderMethod, Renderer, RendererSpec, Window};
 use microsig_core::{Particle, Settings, Spheroid};
 use rayon::prelude::*;
 
@@ -27,7 +27,6 @@ use super::stack::{Stack, brightest};
 use super::templates::Templates;
 use super::{Method, ParticleShape};
 use storage::error::{Error, Result};
-use storage::table_cache::context;
 
 /// Tolerance of the model images, relative to their peaks.
 const TOLERANCE: f64 = 3e-3;
@@ -127,10 +126,12 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     let (templates, sphere) = of_size(job, stack, &origin, None)?;
     let of_aspect = 0.5 * origin.d_um * origin.settings.magnification / origin.settings.pixel_size;
     let room = (of_aspect * (longest.max(LONGEST) - 1.0)).ceil() as usize;
-    let model = ModelImages::new(&origin, &depths_um, side + 2 * room)?;
+    let model = ModelImages::new(&origin, &depths_um, side + 2 * room, &job.options.context)?;
     let draft = match origin.waves {
         Some(_) => None,
-        None => Some(renderer(&origin, TOLERANCE_OF_DRAFTS).build(model.renderer.settings(), &context())?),
+        None => Some(
+            renderer(&origin, TOLERANCE_OF_DRAFTS).build(model.renderer.settings(), &job.options.context)?,
+        ),
     };
     let radii = depths_um.iter().map(|z_um| templates[0].radius_px(*z_um, 0.0)).collect();
     let model = ModelImages { unit: sphere.unit, ..model };
@@ -238,7 +239,7 @@ fn of_size(
     sensor: Option<[u32; 2]>,
 ) -> Result<(Vec<Templates>, ModelImages)> {
     let side = stack.images[0].width;
-    let mut model = ModelImages::new(origin, &stack.depths_um, side)?;
+    let mut model = ModelImages::new(origin, &stack.depths_um, side, &job.options.context)?;
     let images = model.stack([0.0; 2], side);
     let correlation = model.calibrate(&images, &stack.images, origin.d_um)?;
     if correlation < LEAST_CORRELATION.1 {
@@ -250,7 +251,7 @@ fn of_size(
     }
     let mut stacks = vec![images];
     if let Some(sensor) = sensor
-        && let Some(renderer) = over_field(sensor, origin)?
+        && let Some(renderer) = over_field(sensor, origin, &job.options.context)?
     {
         job.note("images by the optics at the place of each particle in the field of view".to_owned());
         model.over_field = Some(renderer);
@@ -270,13 +271,13 @@ fn of_size(
 }
 
 /// The renderer of a whole sensor, if the optics vary over it.
-fn over_field([width, height]: [u32; 2], origin: &Origin) -> Result<Option<Renderer>> {
+fn over_field([width, height]: [u32; 2], origin: &Origin, context: &Context) -> Result<Option<Renderer>> {
     let spec = renderer(origin, TOLERANCE_OF_FIELD);
     if *spec.field() == FieldOptics::default() {
         return Ok(None);
     }
     let settings = Settings { pixel_dim_x: width, pixel_dim_y: height, ..origin.settings.clone() };
-    Ok(Some(spec.build(&settings, &context())?))
+    Ok(Some(spec.build(&settings, context)?))
 }
 
 /// The renderer of the model.
@@ -289,13 +290,13 @@ fn renderer(Origin { waves, over_field, .. }: &Origin, tolerance: f64) -> Render
 }
 
 impl ModelImages {
-    fn new(origin: &Origin, depths_um: &[f64], side: usize) -> Result<Self> {
+    fn new(origin: &Origin, depths_um: &[f64], side: usize, context: &Context) -> Result<Self> {
         let Origin { d_um, depth_factor, zero_um, .. } = *origin;
         // Margin for sub-pixel shifts.
         let size = side as u32 + 4;
         let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..origin.settings.clone() };
         let radii = vec![side / 2; depths_um.len()];
-        let renderer = renderer(origin, TOLERANCE).build(&settings, &context())?;
+        let renderer = renderer(origin, TOLERANCE).build(&settings, context)?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
         Ok(ModelImages {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use image::GrayImage;
 use microsig_core::Particle;
+use microsig_core::render::Context;
 use scenario::{Scenario, parse, resolve};
 use suite::picture::{magnified, side_by_side, square_roots, write};
 
@@ -45,7 +46,7 @@ fn scenario(term: &str) -> anyhow::Result<Scenario> {
          render: (mode: waves, wavelength_um: 0.56, emission: volume, tolerance: 0.01), \
          boundaries: (z_um: (-15, 15)), motion: flow(field: poiseuille()), timing: pairs(count: 1))"
     );
-    Ok(resolve(parse(&text, "field")?, Path::new("."))?)
+    Ok(resolve(parse(&text, "field")?, Path::new("."), &Context::default())?)
 }
 
 /// Particles from the center to the corner at each depth; each tile is centered on the ideal image and scaled to

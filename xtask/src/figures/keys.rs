@@ -105,7 +105,7 @@ fn image(scene: Scene, sets: &str) -> anyhow::Result<Image> {
         let (path, value) = assignment(set)?;
         spec = scenario::set(&spec, path, value)?;
     }
-    let scenario = scenario::resolve(spec, place.path())?;
+    let scenario = scenario::resolve(spec, place.path(), &microsig_core::render::Context::default())?;
     let out = place.path().join("dataset");
     generate(
         &scenario,

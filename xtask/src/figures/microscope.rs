@@ -5,6 +5,7 @@ use std::path::Path;
 use generator::preview::{Preview, svg};
 use image::GrayImage;
 use microsig_core::Particle;
+use microsig_core::render::Context;
 use microsig_core::stream::{Purpose, Streams};
 use scenario::{Scenario, load, parse, resolve};
 use suite::picture::{magnified, side_by_side, square_roots, write};
@@ -29,7 +30,8 @@ pub(super) fn run(out: &Path) -> anyhow::Result<()> {
     for (name, optics, render) in RENDERERS {
         write(&magnified(&row(&scenario(optics, render)?), ZOOM), out, name)?;
     }
-    let shown = Preview::of(&load(Path::new("scenarios/objective_20x.ron"), &[], None)?)?;
+    let shown =
+        Preview::of(&load(Path::new("scenarios/objective_20x.ron"), &[], None, &Context::default())?)?;
     std::fs::write(out.join("objective_20x.svg"), svg(&shown)?)?;
     Ok(())
 }
@@ -39,7 +41,7 @@ fn scenario(optics: &str, render: &str) -> anyhow::Result<Scenario> {
         "(name: \"renderers\", optics: (preset: setting1, pixel_dim_x: {SIDE}, pixel_dim_y: {SIDE}, {optics}), \
          motion: flow(field: poiseuille()), timing: pairs(count: 1), render: ({render}))"
     );
-    Ok(resolve(parse(&text, "renderers")?, Path::new("."))?)
+    Ok(resolve(parse(&text, "renderers")?, Path::new("."), &Context::default())?)
 }
 
 /// One particle at each depth, as the renderer draws it.

@@ -151,6 +151,7 @@ impl Evaluate {
             auto_offset: self.auto_offset,
             crlb: self.crlb,
             seed: self.random.seed.unwrap_or(0),
+            context: common.context.clone(),
         };
         // Checked first, because an evaluation may take a long time.
         if let Some(out) = &self.out {

@@ -36,7 +36,7 @@ pub(super) struct Generate {
 
 impl Generate {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let scenario = self.scenario.load()?;
+        let scenario = self.scenario.load(common)?;
         warn(&scenario.warnings, common);
         let out = self.out.clone().unwrap_or_else(|| Path::new("datasets").join(&scenario.spec.name));
         if self.dry_run {

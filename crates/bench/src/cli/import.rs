@@ -136,6 +136,7 @@ impl Import {
             copy: self.copy,
             force: self.replace.force,
             progress: progress(common),
+            context: common.context.clone(),
         })
     }
 }

@@ -47,7 +47,7 @@ use serde_json::json;
 
 use generator::runner::{Progress, Tables};
 use storage::error::{Error, Result};
-use storage::table_cache::{TableFolder, keep};
+use storage::table_cache::TableFolder;
 use storage::{StandardStreams, clean_up_on_signals, file_size_limits_are_errors};
 
 /// What `--help` states after the options.
@@ -101,6 +101,9 @@ struct Common {
     /// Who gets the output instead of a terminal.
     #[arg(skip)]
     caller: Option<Caller>,
+    /// What renderers work with.
+    #[arg(skip)]
+    context: Context,
 }
 
 /// The verbs; the help of each is the documentation of its arguments.
@@ -185,8 +188,8 @@ impl Cli {
     ///
     /// # Errors
     /// Errors of the verb; [`Error::exit_code`] is the exit code.
-    pub fn run(&self) -> Result<()> {
-        let common = &self.common;
+    pub fn run(mut self) -> Result<()> {
+        let common = &mut self.common;
         if self.version {
             return version(common);
         }
@@ -204,7 +207,7 @@ impl Cli {
         let _streams = StandardStreams::allow();
         let folder = if verb.keeps_tables() { TableFolder::of_user()? } else { None };
         let tables = Tables::new(folder, output::progress(common));
-        keep(Context { tables: Some(Arc::new(tables)) });
+        common.context = Context { tables: Some(Arc::new(tables)) };
         verb.run(common)
     }
 

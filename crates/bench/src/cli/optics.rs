@@ -39,7 +39,7 @@ pub(super) struct Optics {
 
 impl Optics {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let scenario = self.scenario.load()?;
+        let scenario = self.scenario.load(common)?;
         warn(&scenario.warnings, common);
         if let Some(file) = &self.spheroids {
             may_write(file, self.replace.force)?;

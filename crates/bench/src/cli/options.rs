@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::argument;
+use super::{Common, argument};
 use scenario::Scenario;
 use storage::error::Result;
 
@@ -26,8 +26,8 @@ impl ScenarioOptions {
     ///
     /// # Errors
     /// As for [`scenario::load`].
-    pub(super) fn load(&self) -> Result<Scenario> {
-        scenario::load(&self.file, &self.set, self.random.seed)
+    pub(super) fn load(&self, common: &Common) -> Result<Scenario> {
+        scenario::load(&self.file, &self.set, self.random.seed, &common.context)
     }
 }
 

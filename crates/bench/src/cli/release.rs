@@ -102,6 +102,7 @@ impl Release {
                 after: self.after.clone(),
                 about,
                 progress: progress(common),
+                context: common.context.clone(),
             },
         )?;
         let Some(released) = released else {

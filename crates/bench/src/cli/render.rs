@@ -81,6 +81,7 @@ impl Render {
             format: self.image_format,
             force: self.replace.force,
             progress: progress(common),
+            context: common.context.clone(),
         })?;
         warn(&rendered.warnings, common);
         let text = format!(

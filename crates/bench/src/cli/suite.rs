@@ -258,7 +258,8 @@ impl Generate {
         let default = || Path::new("suites").join(format!("{}-{}", suite.spec.name, size.name()));
         let out = self.out.clone().unwrap_or_else(default);
         let (force, resume, progress) = (self.replace.force, self.resume, progress(common));
-        let options = SuiteOptions { out, force, resume, progress };
+        let context = common.context.clone();
+        let options = SuiteOptions { out, force, resume, progress, context };
         let selection = self.selection.read(common)?;
         let made = generate_suite(&suite, size, &selection, &options)?;
         let text = format!(
@@ -312,7 +313,13 @@ impl Check {
             )]));
         }
         let folder = self.datasets.as_deref();
-        let checked = check_suite(&suite, size, &selection, (folder, Some(&frozen)), &progress(common))?;
+        let checked = check_suite(
+            &suite,
+            size,
+            &selection,
+            (folder, Some(&frozen)),
+            (&progress(common), &common.context),
+        )?;
         let text = format!(
             "suite {} {}, size {}{}: {} datasets checked in {:.2} s, {} differences",
             suite.spec.name,
@@ -346,8 +353,13 @@ impl Check {
                 "--freeze: expected all datasets, without --track, --case, --split, --shard, because this version has no frozen checksums yet",
             ));
         }
-        let checked =
-            check_suite(suite, size, selection, (self.datasets.as_deref(), None), &progress(common))?;
+        let checked = check_suite(
+            suite,
+            size,
+            selection,
+            (self.datasets.as_deref(), None),
+            (&progress(common), &common.context),
+        )?;
         if !checked.differences.is_empty() {
             return Err(Error::Failed(checked.differences));
         }
@@ -451,6 +463,7 @@ impl Release {
                 after: self.after.as_ref().map(|after| after.join(case.folder())),
                 about,
                 progress: progress(common),
+                context: common.context.clone(),
             };
             let one = release(&self.datasets.join(case.split_folder(split)), &options)?;
             let Some(one) = one else {

@@ -70,6 +70,7 @@ impl Sweep {
             force: self.replace.force,
             resume: self.resume,
             progress: progress(common),
+            context: common.context.clone(),
         };
         let swept = sweep(&plan, &options)?;
         let only = self.case.as_ref().map_or_else(|| shard.in_title(), |case| format!(", {case}"));

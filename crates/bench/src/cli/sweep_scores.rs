@@ -70,8 +70,12 @@ impl SweepScores {
             self.track.iter().flat_map(|method| entries_of(method, &swept.out, cases)).collect();
         let is_new = |made: &Path, of: &Path| resume && !is_older(made, of);
         for entry in entries.iter().filter(|entry| !is_new(&entry.result, &entry.dataset.join(SHA256SUMS))) {
-            let options =
-                TrackOptions { seed, force: replace, ..TrackOptions::of(&entry.tracker, progress(common)) };
+            let options = TrackOptions {
+                seed,
+                force: replace,
+                context: common.context.clone(),
+                ..TrackOptions::of(&entry.tracker, progress(common))
+            };
             create_parent(&entry.result)?;
             let tracked = track(&entry.dataset, &entry.result, &options)?;
             warn(&tracked.warnings, common);

@@ -107,6 +107,7 @@ impl Track {
                 seed: self.random.seed.unwrap_or(0),
                 force: self.replace.force,
                 progress: progress(common),
+                context: common.context.clone(),
             },
         )?;
         warn(&tracked.warnings, common);

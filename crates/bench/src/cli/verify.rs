@@ -25,7 +25,7 @@ pub(super) struct Verify {
 
 impl Verify {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let verified = verify(&self.dataset, self.regenerate, progress(common))?;
+        let verified = verify(&self.dataset, self.regenerate, progress(common), &common.context)?;
         let again = if verified.regenerated { "; generated again with identical bytes" } else { "" };
         let text = format!(
             "{}: {} files ({:.1} MB) agree with checksums and manifest{again}",

@@ -53,6 +53,7 @@ pub(super) struct View {
 impl View {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         let subject = Subject::of(self.path.as_deref(), &self.results)?;
+        let subject = Subject { context: common.context.clone(), ..subject };
         if let Some(out) = &self.export {
             let options =
                 ExportOptions { out: out.clone(), force: self.replace.force, frames: self.frames.clone() };

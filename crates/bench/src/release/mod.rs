@@ -42,6 +42,7 @@ pub use submission::{Submission, SubmissionFiles, Validated, limits, validate};
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
+use microsig_core::render::Context;
 use serde::Serialize;
 
 use dataset::manifest::MANIFEST;
@@ -91,6 +92,8 @@ pub struct ReleaseOptions {
     pub about: Publication,
     /// Progress display.
     pub progress: Progress,
+    /// What renderers work with.
+    pub context: Context,
 }
 
 /// Summary of a release.
@@ -141,7 +144,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     if existing::is_there(dataset, options, &version)? {
         return Ok(None);
     }
-    let train = Train::open(dataset)?;
+    let train = Train::open(dataset, &options.context)?;
     let (val, test) = (train.val(dataset, options)?, train.test(dataset, options)?);
     let name = &train.scenario.spec.name;
 

@@ -6,6 +6,7 @@
 
 use std::path::Path;
 
+use microsig_core::render::Context;
 use microsig_core::stream::Streams;
 
 use super::ReleaseOptions;
@@ -29,8 +30,8 @@ pub(super) struct Train {
 
 impl Train {
     /// Reads and verifies the dataset.
-    pub(super) fn open(dataset: &Path) -> Result<Self> {
-        verify(dataset, false, Progress::Hidden)?;
+    pub(super) fn open(dataset: &Path, context: &Context) -> Result<Self> {
+        verify(dataset, false, Progress::Hidden, context)?;
         if secret::streams(dataset)?.is_some() {
             return Err(Error::input(format!(
                 "{}: generated with a secret key, so it is not a public dataset",
@@ -45,14 +46,14 @@ impl Train {
                 dataset.display()
             )));
         }
-        let (scenario, _) = scenario::of_dataset(dataset)?;
+        let (scenario, _) = scenario::of_dataset(dataset, context)?;
         check(&scenario)?;
         Ok(Train { scenario, manifest })
     }
 
     /// The scenario of the validation split.
     pub(super) fn val(&self, dataset: &Path, options: &ReleaseOptions) -> Result<Scenario> {
-        resolve(Split::Val.scenario(&self.scenario.spec, options.val)?, dataset)
+        resolve(Split::Val.scenario(&self.scenario.spec, options.val)?, dataset, &options.context)
     }
 
     /// The scenario of the test split, with a new secret key.
@@ -75,7 +76,7 @@ impl Train {
         })?;
         spec.name += "-test";
         spec.seed = 0;
-        let mut scenario = resolve(spec, dataset)?;
+        let mut scenario = resolve(spec, dataset, &options.context)?;
         check(&scenario)?;
         scenario.streams = Streams::secret(secret::draw()?);
         Ok(scenario)

@@ -5,6 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use microsig_core::formats::tiff;
+use microsig_core::render::Context;
 use microsig_core::{Particle, Spheroid};
 use serde_json::{Value, json};
 
@@ -28,6 +29,8 @@ const MAX_VECTORS: usize = 20_000;
 #[derive(Debug)]
 pub(super) struct OpenDataset {
     folder: PathBuf,
+    /// What renderers work with.
+    context: Context,
     manifest: Manifest,
     /// Paths of the images, by frame.
     images: Vec<PathBuf>,
@@ -51,7 +54,7 @@ impl OpenDataset {
     ///
     /// # Errors
     /// A dataset that is unfinished, or whose manifest does not list all images.
-    pub(super) fn open(folder: &Path) -> Result<Self> {
+    pub(super) fn open(folder: &Path, context: &Context) -> Result<Self> {
         let mut manifest = Manifest::read(folder)?;
         let resources = std::mem::take(&mut manifest.resources);
         let mut frames: Vec<(u32, PathBuf, f64)> = resources
@@ -67,6 +70,7 @@ impl OpenDataset {
             return Err(Error::input(format!("{}: the manifest does not list all images", folder.display())));
         }
         Ok(OpenDataset {
+            context: context.clone(),
             times_s: times_s(folder, frames.len()).unwrap_or_default(),
             n_visible: frames.iter().map(|frame| frame.2).collect(),
             images: frames.into_iter().map(|frame| frame.1).collect(),
@@ -155,7 +159,7 @@ impl OpenDataset {
 
     fn optics(&self) -> Result<Arc<(Scenario, DepthScan)>> {
         once(&self.optics, || {
-            let (scenario, _) = scenario::of_dataset(&self.folder)?;
+            let (scenario, _) = scenario::of_dataset(&self.folder, &self.context)?;
             let scan = scenario.scan_of_mean()?;
             Ok((scenario, scan))
         })

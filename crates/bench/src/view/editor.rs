@@ -14,12 +14,16 @@ use storage::save_result;
 pub(super) fn read(subject: &Subject, text: &str) -> std::result::Result<Scenario, Value> {
     let name = subject.scenario.as_deref().and_then(Path::file_name);
     let name = name.map_or_else(|| "scenario".to_owned(), |name| name.to_string_lossy().into_owned());
-    scenario::load_text(text, (&name, &subject.base()), &[], None).map_err(|error| match error {
-        Error::Problems(problems) => {
-            let first = problems.iter().take(MOST_SHOWN).map(|problem| described(problem, text));
-            Value::Array(first.chain(more(problems.len()).map(|text| json!({ "message": text }))).collect())
+    scenario::load_text(text, (&name, &subject.base()), &[], None, &subject.context).map_err(|error| {
+        match error {
+            Error::Problems(problems) => {
+                let first = problems.iter().take(MOST_SHOWN).map(|problem| described(problem, text));
+                Value::Array(
+                    first.chain(more(problems.len()).map(|text| json!({ "message": text }))).collect(),
+                )
+            }
+            other => Value::Array(other.messages().iter().map(|text| json!({ "message": text })).collect()),
         }
-        other => Value::Array(other.messages().iter().map(|text| json!({ "message": text })).collect()),
     })
 }
 

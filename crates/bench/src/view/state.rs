@@ -168,7 +168,7 @@ impl App {
         if let Some(open) = self.datasets.find(number) {
             return Ok(Some(open));
         }
-        Ok(Some(self.datasets.keep(number, OpenDataset::open(&entry.folder)?)))
+        Ok(Some(self.datasets.keep(number, OpenDataset::open(&entry.folder, &self.subject().context)?)))
     }
 
     /// The result of a tracker for a dataset; `None` if it does not exist.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use dataset::manifest::MANIFEST;
 use generator::runner::{CASES, CaseReader};
+use microsig_core::render::Context;
 use scenario::{SCENARIO, Shipped, read_text};
 use scoring::evaluate::measurement::check_order;
 use storage::error::{Error, Result};
@@ -25,6 +26,8 @@ pub struct Subject {
     pub axes: Vec<String>,
     /// The sweep's folder, if a sweep is shown.
     pub sweep: Option<PathBuf>,
+    /// What renderers work with.
+    pub context: Context,
 }
 
 /// A dataset that can be opened.

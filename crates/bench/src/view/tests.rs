@@ -1,6 +1,7 @@
 //! Tests of requests that a hostile page or program on the same computer may send, and of the responses to
 //! the page.
 
+use microsig_core::render::Context;
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpStream};
 use std::path::Path;
@@ -128,7 +129,8 @@ impl Answer {
 }
 
 fn dataset(folder: &Path) -> std::path::PathBuf {
-    let scenario = scenario::load_text(SCENARIO, ("small.ron", folder), &[], None).unwrap();
+    let scenario =
+        scenario::load_text(SCENARIO, ("small.ron", folder), &[], None, &Context::default()).unwrap();
     let out = folder.join("small");
     generate(
         &scenario,

@@ -3,6 +3,7 @@
 use microsig_core::Particle;
 use microsig_core::emission::emitted_rays;
 use microsig_core::optics::{FieldComa, FieldOptics, FocusSurface};
+use microsig_core::render::Context;
 use microsig_core::render::waves::Emission;
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt as _, SeedableRng as _};
@@ -168,7 +169,8 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
     let (name, bytes) = crate::output::settings(&files.settings()).unwrap();
     std::fs::write(folder.path().join(name), bytes).unwrap();
     let text = files.scenario();
-    let twin = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
+    let twin =
+        scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None, &Context::default()).unwrap();
     let optics = &twin.spec.optics;
     assert_eq!((optics.field, optics.blur_um), (Some(fitted.field), Some(0.86)), "{text}");
     assert_eq!(twin.settings.numerical_aperture, 0.441);

@@ -19,7 +19,6 @@ use crate::preview::depth_of_field_um;
 use scenario::{Scenario, sensor, spec};
 use storage::OutputFolder;
 use storage::error::{Error, Result};
-use storage::table_cache::context;
 use visibility::DepthScan;
 
 /// The table of stacks of particles of these diameters (um), at several places of the field of view or not.
@@ -165,7 +164,7 @@ impl CalibrationStack {
             .detector
             .as_ref()
             .map(|detector| detector.cropped(&scenario.settings, &settings, corner));
-        let renderer = scenario.spec.renderer().build(&settings, &context())?;
+        let renderer = scenario.spec.renderer().build(&settings, &scenario.context)?;
         let camera = Camera::of_dataset(scenario, renderer, detector.as_ref())?.calibrating();
         let (x_px, y_px) = (f64::from(settings.pixel_dim_x / 2 + 1), f64::from(settings.pixel_dim_y / 2 + 1));
         particles.iter_mut().for_each(|particle| (particle.x_px, particle.y_px) = (x_px, y_px));
@@ -205,7 +204,7 @@ impl CalibrationStack {
             particles.extend(one.iter().map(|particle| Particle { x_px, y_px, ..*particle }));
             sensors.push(PlaceSensor { place, corner, sensor });
         }
-        let renderer = scenario.spec.renderer().build(whole, &context())?;
+        let renderer = scenario.spec.renderer().build(whole, &scenario.context)?;
         let camera = Camera::of_dataset(scenario, renderer, scenario.detector.as_ref())?.calibrating();
         let table = table(&scenario.calibrated_um(), true);
         let stack = CalibrationStack { table, settings, camera, particles, depths_um, places: sensors };
@@ -321,6 +320,9 @@ pub fn write(
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::render::Context;
+    use std::path::Path;
+
     use super::*;
     use scenario::{parse, resolve};
 
@@ -338,7 +340,8 @@ mod tests {
             let text = format!(
                 "(name: \"c\", motion: flow(field: poiseuille()), timing: pairs(count: 1), optics: ({optics}), {rest})"
             );
-            let scenario = resolve(parse(&text, "c.ron").unwrap(), Path::new(".")).unwrap();
+            let scenario =
+                resolve(parse(&text, "c.ron").unwrap(), Path::new("."), &Context::default()).unwrap();
             let scan = scenario.scan(2.0, scenario.depth_range_um).unwrap();
             step_um(&scenario, &scenario.calibrated_um(), &scan).unwrap()
         };

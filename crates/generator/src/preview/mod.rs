@@ -399,6 +399,7 @@ fn in_view(scenario: &Scenario) -> Result<f64> {
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::render::Context;
     use std::path::Path;
 
     use super::*;
@@ -413,7 +414,8 @@ mod tests {
             "(name: \"p\", optics: (preset: setting1, pixel_dim_x: {columns}, pixel_dim_y: {rows}, {optics}), \
              motion: flow(field: poiseuille()), timing: pairs(count: 1), {rest})"
         );
-        Preview::of(&resolve(parse(&text, "p.ron").unwrap(), Path::new(".")).unwrap()).unwrap()
+        Preview::of(&resolve(parse(&text, "p.ron").unwrap(), Path::new("."), &Context::default()).unwrap())
+            .unwrap()
     }
 
     /// Numbers of the reference data (setting 1, 2 um; see `visibility`): the highest peak at -12 um, areas
@@ -540,7 +542,7 @@ mod tests {
     fn peaks_are_those_of_the_datasets_table_light_sheet_included() {
         let text = "(name: \"p\", optics: (pixel_dim_x: 64, pixel_dim_y: 48), motion: flow(field: poiseuille()), \
                     timing: pairs(count: 1), illumination: (shape: sheet(thickness_um: 20, center_um: (0, 0, -30))))";
-        let scenario = resolve(parse(text, "p.ron").unwrap(), Path::new(".")).unwrap();
+        let scenario = resolve(parse(text, "p.ron").unwrap(), Path::new("."), &Context::default()).unwrap();
         let shown = Preview::of(&scenario).unwrap();
         let (rows, _) = crate::dataset::truth::depth::measure(&scenario, &shown.scans[shown.middle]).unwrap();
         let depths = &shown.mean().depths;

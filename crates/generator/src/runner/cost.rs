@@ -18,7 +18,6 @@ use crate::dataset::truth::Truth;
 use scenario::{MotionSource, Scenario};
 use storage::error::{Error, Result};
 use storage::memory::{free_memory, size_text};
-use storage::table_cache::context;
 
 /// Cost of a dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -272,7 +271,7 @@ fn with_share_of_rays(scenario: &Scenario, share: f64) -> Result<Camera> {
     let of_points = share.max((LEAST_POINTS / points(scenario) as f64).min(1.0));
     settings.points_per_pixel *= of_points;
     settings.n_rays = ((f64::from(settings.n_rays) * share / of_points) as u32).max(1);
-    let renderer = scenario.spec.renderer().build(&settings, &context())?;
+    let renderer = scenario.spec.renderer().build(&settings, &scenario.context)?;
     Camera::of_dataset(scenario, renderer, scenario.detector.as_ref())
 }
 

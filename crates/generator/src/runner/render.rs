@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use microsig_core::formats::{data_file, settings_file};
-use microsig_core::render::RendererSpec;
+use microsig_core::render::{Context, RendererSpec};
 use microsig_core::sensor::{Image, ImageFormat, NoiseRounding, Sensor};
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings};
@@ -18,7 +18,6 @@ use crate::dataset::Camera;
 use dataset::manifest::MANIFEST;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim};
-use storage::table_cache::context;
 use storage::{OutputFolder, may_write};
 
 /// Options of [`render`].
@@ -36,6 +35,8 @@ pub struct RenderOptions {
     pub first_frame: u32,
     /// The renderer.
     pub renderer: RendererSpec,
+    /// What it works with.
+    pub context: Context,
     /// Whether noise is rounded on its own or after it is added to the image.
     pub rounding: NoiseRounding,
     /// What the pixels of the images hold.
@@ -78,7 +79,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let file = open(&options.settings)?;
     let largest = options.renderer.largest_aperture();
     let settings = settings_file::read_immersed(file, &options.settings.display().to_string(), largest)?;
-    let renderer = options.renderer.clone().build(&settings.settings, &context())?;
+    let renderer = options.renderer.clone().build(&settings.settings, &options.context)?;
     let sensor = Sensor::new(&settings.settings).with_rounding(options.rounding).with_format(options.format);
     let camera = Camera::new(renderer, sensor, Streams::new(options.seed));
     let mut warnings = settings.warnings;
@@ -228,7 +229,7 @@ pub fn render_particles(
     (rounding, format): (NoiseRounding, ImageFormat),
 ) -> Result<(Image, Vec<String>)> {
     let sensor = Sensor::new(settings).with_rounding(rounding).with_format(format);
-    let camera = Camera::new(renderer.build(settings, &context())?, sensor, Streams::new(seed));
+    let camera = Camera::new(renderer.build(settings, &Context::default())?, sensor, Streams::new(seed));
     let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
     limit(check_particles(particles, &camera, "particles")?, &mut warnings);
     let image = camera.image(particles, frame);

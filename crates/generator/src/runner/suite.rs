@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use microsig_core::render::Context;
 use serde::{Deserialize, Serialize};
 
 use super::generate::{GenerateOptions, generate};
@@ -78,6 +79,8 @@ pub struct SuiteOptions {
     pub resume: bool,
     /// How progress is shown.
     pub progress: Progress,
+    /// What renderers work with.
+    pub context: Context,
 }
 
 /// `suite.json`: identifies the suite in a folder.
@@ -174,7 +177,7 @@ pub fn generate_suite(
         let dataset = out.join(case.split_folder(*split));
         let above = out.join(case.folder());
         std::fs::create_dir_all(&above).map_err(Error::write(&above))?;
-        let scenario = case.scenario(*split).and_then(|spec| resolve(spec, &case.inputs));
+        let scenario = case.scenario(*split).and_then(|spec| resolve(spec, &case.inputs, &options.context));
         made += usize::from(attempt(scenario, &dataset, (options.force, options.resume), &within)?);
         bar.inc(1);
     }
@@ -309,7 +312,7 @@ pub fn check_suite(
     size: Size,
     chosen: &SuiteSelection,
     (folder, frozen): (Option<&Path>, Option<&Frozen>),
-    progress: &Progress,
+    (progress, context): (&Progress, &Context),
 ) -> Result<SuiteCheck> {
     let start = Instant::now();
     let mine = chosen.of(suite, size)?;
@@ -328,8 +331,8 @@ pub fn check_suite(
         let name = case.split_folder(*split);
         bar.set_message(name.clone());
         let found = match folder {
-            Some(folder) => there(&folder.join(&name)),
-            None => again(case, *split, &within).map(Ok),
+            Some(folder) => there(&folder.join(&name), context),
+            None => again(case, *split, &within, context).map(Ok),
         }?;
         let found = found.unwrap_or_else(|problems| {
             check.differences.extend(problems.iter().map(|problem| format!("{name}/{problem}")));
@@ -373,11 +376,11 @@ pub fn same_dataset(a: &str, b: &str) -> bool {
 }
 
 /// The hashes of a dataset on disk, or the problems with it.
-fn there(dataset: &Path) -> Result<std::result::Result<FrozenDataset, Vec<String>>> {
+fn there(dataset: &Path, context: &Context) -> Result<std::result::Result<FrozenDataset, Vec<String>>> {
     if !dataset.join(MANIFEST).is_file() {
         return Ok(Err(vec![format!("{MANIFEST}: missing, so this is not a dataset")]));
     }
-    match verify(dataset, false, Progress::Hidden) {
+    match verify(dataset, false, Progress::Hidden, context) {
         Ok(_) => digests(dataset).map(Ok),
         Err(Error::Failed(problems)) => Ok(Err(problems)),
         Err(e) => Err(e),
@@ -385,10 +388,10 @@ fn there(dataset: &Path) -> Result<std::result::Result<FrozenDataset, Vec<String
 }
 
 /// The hashes of a dataset, generated into a temporary folder.
-fn again(case: &SuiteCase, split: Split, progress: &Progress) -> Result<FrozenDataset> {
+fn again(case: &SuiteCase, split: Split, progress: &Progress, context: &Context) -> Result<FrozenDataset> {
     let place = TemporaryFolder::new()?;
     let out = place.path().join("dataset");
-    let scenario = resolve(case.scenario(split)?, &case.inputs)?;
+    let scenario = resolve(case.scenario(split)?, &case.inputs, context)?;
     let progress = progress.clone();
     generate(&scenario, &GenerateOptions { out: out.clone(), force: false, resume: false, progress })?;
     digests(&out)

@@ -8,6 +8,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use microsig_core::render::Context;
 use serde::Serialize;
 use serde_json::json;
 
@@ -38,6 +39,8 @@ pub struct SweepOptions {
     pub resume: bool,
     /// How progress is shown.
     pub progress: Progress,
+    /// What renderers work with.
+    pub context: Context,
 }
 
 impl SweepOptions {
@@ -119,7 +122,7 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
 /// instead.
 fn run(sweep: &Sweep, case: &Case, options: &SweepOptions, progress: &Progress) -> Result<bool> {
     let out = options.out.join(&case.name);
-    let scenario = sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs));
+    let scenario = sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs, &options.context));
     attempt(scenario, &out, (options.force, options.resume), progress)
 }
 

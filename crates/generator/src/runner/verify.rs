@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use glam::DVec3;
+use microsig_core::render::Context;
 use serde::Serialize;
 
 use super::generate::{GenerateOptions, generate};
@@ -34,7 +35,7 @@ pub struct Verified {
 ///
 /// # Errors
 /// [`Error::Input`] if this is not a dataset; [`Error::Failed`] with all failed checks; a file that cannot be read.
-pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Verified> {
+pub fn verify(dataset: &Path, regenerate: bool, progress: Progress, context: &Context) -> Result<Verified> {
     if is_partial(dataset) {
         return Err(Error::Failed(vec![format!("{}: unfinished", dataset.display())]));
     }
@@ -68,7 +69,7 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
         return Err(Error::Failed(failures));
     }
     if Manifest::read(dataset)?.microsig.kind.as_deref() != Some(RECORDING) {
-        scenario_agrees(dataset, regenerate.then_some(progress), &text)?;
+        scenario_agrees(dataset, regenerate.then_some(progress), &text, context)?;
     } else if regenerate {
         return Err(Error::input(format!(
             "{}: a recording, which cannot be generated again",
@@ -182,8 +183,13 @@ const OVERLAP_UM: f64 = 1e-6;
 
 /// Checks that the scenario resolves to itself and, with `regenerate`, that it generates the same bytes
 /// again.
-fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> Result<()> {
-    let (mut scenario, text) = scenario::of_dataset(dataset)?;
+fn scenario_agrees(
+    dataset: &Path,
+    regenerate: Option<Progress>,
+    sums: &str,
+    context: &Context,
+) -> Result<()> {
+    let (mut scenario, text) = scenario::of_dataset(dataset, context)?;
     if let Some(streams) = secret::streams(dataset)? {
         scenario.streams = streams;
     }

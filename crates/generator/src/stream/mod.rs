@@ -19,6 +19,7 @@ use std::path::PathBuf;
 pub use batch::Batch;
 pub use distribution::{Distribution, Drawn};
 pub use labels::{Flow, LabelOptions, PARTICLE_COLUMNS, Sample};
+use microsig_core::render::Context;
 use microsig_core::sensor::ImageFormat;
 use sampler::Sampler;
 use scenario::{Scenario, load_text};
@@ -191,7 +192,13 @@ impl SampleStream {
         let varied = self.values(index);
         let assignments: Vec<String> =
             options.assignments.iter().cloned().chain(varied.iter().map(value)).collect();
-        load_text(&options.text, (&options.name, &options.folder), &assignments, Some(self.seed_of(index)))
+        load_text(
+            &options.text,
+            (&options.name, &options.folder),
+            &assignments,
+            Some(self.seed_of(index)),
+            &Context::default(),
+        )
     }
 
     /// Computes a sample.

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use microsig_core::Interval;
+use microsig_core::render::Context;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -227,7 +228,7 @@ fn every_shipped_scenario_with_its_defaults_fits_the_schema() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios");
     let mut resolved = 0;
     for Shipped { name, text } in shipped().into_iter().filter(|shipped| !shipped.is_sweep()) {
-        let spec = resolve(parse(text, name).unwrap(), &folder).unwrap().spec;
+        let spec = resolve(parse(text, name).unwrap(), &folder, &Context::default()).unwrap().spec;
         assert_eq!(parse(&serde_json::to_string(&spec).unwrap(), name).unwrap(), spec, "{name}");
         let written = write(&spec).unwrap();
         assert_eq!(write(&parse(&written, name).unwrap()).unwrap(), written, "{name}");

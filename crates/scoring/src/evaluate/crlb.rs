@@ -13,7 +13,7 @@
 //! of v on theta are neglected.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::{RenderMethod, Renderer, RendererSpec, ShapeGradient};
+use microsig_core::render::{Context, RenderMethod, Renderer, RendererSpec, ShapeGradient};
 use microsig_core::sensor::Response;
 use microsig_core::{Particle, Settings, Spheroid};
 use rayon::prelude::*;
@@ -25,7 +25,6 @@ use super::detection::Detection;
 use super::statistics::quantile;
 use scenario::{Scenario, spec};
 use storage::error::Result;
-use storage::table_cache::context;
 
 /// Error of the expected images relative to their peaks; the bound is needed to a few percent.
 const TOLERANCE: f64 = 3e-3;
@@ -120,7 +119,7 @@ pub fn of_scenario(
     }
     let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
     let depth_factor = scenario.depth_factor();
-    let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings)?;
+    let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings, &scenario.context)?;
     let bins = curve.bins.par_iter().map(|bin| {
         let bound = bound(&renderer, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
         let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
@@ -194,7 +193,7 @@ impl SpheroidBounds {
     /// Settings that cannot be rendered.
     pub fn new(scenario: &Scenario, d_um: f64) -> Result<Self> {
         let spec = scenario.spec.renderer().without_ray_noise(TOLERANCE);
-        let renderer = spec.build(&large(&scenario.settings), &context())?;
+        let renderer = spec.build(&large(&scenario.settings), &scenario.context)?;
         let depth_factor = scenario.depth_factor();
         Ok(SpheroidBounds { renderer, noise: Noise::of(scenario, 1.0)?, depth_factor, d_um })
     }
@@ -327,7 +326,11 @@ fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
 /// Settings or a particle that cannot be rendered.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
     bound(
-        &renderer_of(RenderMethod::Rays { spheroids: SpheroidLaw::Original }.into(), settings)?,
+        &renderer_of(
+            RenderMethod::Rays { spheroids: SpheroidLaw::Original }.into(),
+            settings,
+            &Context::default(),
+        )?,
         &Noise::of_rays(settings),
         d_um,
         z_um,
@@ -369,8 +372,8 @@ impl Noise {
 
 /// The renderer of noise-free images with derivatives for the images of a scenario, on a sensor that contains
 /// them.
-fn renderer_of(spec: RendererSpec, settings: &Settings) -> Result<Renderer> {
-    Ok(spec.with_derivatives(TOLERANCE).build(&large(settings), &context())?)
+fn renderer_of(spec: RendererSpec, settings: &Settings, context: &Context) -> Result<Renderer> {
+    Ok(spec.with_derivatives(TOLERANCE).build(&large(settings), context)?)
 }
 
 /// The same settings with a sensor that contains all images.
@@ -496,7 +499,11 @@ mod tests {
                     particles: (number: count(1)), optics: (preset: setting1, pixel_dim_x: 4, pixel_dim_y: 2,
                     gain: 4, background_mean: 60, background_noise: 3), {more})"#
             );
-            Noise::of(&resolve(parse(&text, "s.ron").unwrap(), dataset.path()).unwrap(), c_int).unwrap()
+            Noise::of(
+                &resolve(parse(&text, "s.ron").unwrap(), dataset.path(), &Context::default()).unwrap(),
+                c_int,
+            )
+            .unwrap()
         };
         let own = noise("", 1.0);
         assert_eq!(own, Noise { slope: 4.0, background: 9.0 + ROUNDING, of_light: 16.0 });

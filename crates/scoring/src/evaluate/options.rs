@@ -4,6 +4,7 @@ use super::gate::{Edge, Gate, Shape};
 use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};
 use dataset::manifest::ScoringGates;
+use microsig_core::render::Context;
 use storage::advice;
 use storage::advice::Named;
 use storage::error::{Error, Result};
@@ -33,6 +34,8 @@ pub struct EvaluateOptions {
     pub crlb: bool,
     /// Seed of the bootstrap.
     pub seed: u64,
+    /// What the renderer of the Cramer-Rao bound works with.
+    pub context: Context,
 }
 
 impl EvaluateOptions {

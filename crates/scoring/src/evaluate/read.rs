@@ -53,7 +53,7 @@ impl Truth {
         if options.crlb && facts.is_recording {
             truth.warnings.push("no Cramér-Rao bound: a recording has no scenario".to_owned());
         } else if options.crlb {
-            truth.scenario = Some(Arc::new(scenario::of_dataset(path)?.0));
+            truth.scenario = Some(Arc::new(scenario::of_dataset(path, &options.context)?.0));
         }
         if is_field {
             let limits = measurement::limits(path, &facts)?;
