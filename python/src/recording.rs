@@ -1,10 +1,10 @@
 //! Recordings of one's own.
 
-use microsig_core::render::Context;
 use std::path::PathBuf;
 
 use fit::StagePositions;
 use import::{ImportOptions, import};
+use microsig_core::render::Context;
 use pyo3::prelude::*;
 
 use crate::columns::ranges;
@@ -60,7 +60,7 @@ struct How {
 fn import_recording(py: Python<'_>, out: PathBuf, how: How, show: Show<'_>) -> PyResult<Vec<String>> {
     let made = run(py, show, OnInterrupt::Wait, move |progress| {
         let positions = match (how.z, how.z_step_um) {
-            (Some(file), _) => StagePositions::Table(file),
+            (Some(file), _) => StagePositions::Table(file.into()),
             (None, Some(step)) => StagePositions::Step(step),
             (None, None) => StagePositions::FromFile,
         };
@@ -71,11 +71,11 @@ fn import_recording(py: Python<'_>, out: PathBuf, how: How, show: Show<'_>) -> P
             scan: how.scan,
             positions,
             toward_lens: how.z_toward,
-            optics: how.optics,
+            optics: how.optics.map(Into::into),
             um_per_px: how.um_per_px,
             dt_s: how.dt_s,
             pairs: how.pairs,
-            truth: how.truth,
+            truth: how.truth.into_iter().map(Into::into).collect(),
             all_particles: how.all_particles,
             dark: how.dark,
             flat: how.flat,

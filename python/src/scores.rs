@@ -1,12 +1,12 @@
 //! Trackers and scores.
 
-use microsig_core::render::Context;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use bench::cli::{Variants, variant};
 use bench::report;
-use clap::ValueEnum;
 use dataset::Columns;
+use microsig_core::render::Context;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -59,18 +59,11 @@ struct How {
 }
 
 /// One of the allowed values of an option.
-fn one_of<T: ValueEnum>(name: &str, given: Option<&str>) -> storage::Result<Option<T>> {
-    given
-        .map(|given| {
-            T::from_str(given, false).map_err(|_| {
-                let all: Vec<String> = T::value_variants()
-                    .iter()
-                    .filter_map(|value| Some(value.to_possible_value()?.get_name().to_owned()))
-                    .collect();
-                storage::Error::input(format!("{name} = {given:?}: expected one of {}", all.join(", ")))
-            })
-        })
-        .transpose()
+fn one_of<T: Variants>(name: &str, given: Option<&str>) -> storage::Result<Option<T>> {
+    let variant = |given| {
+        variant(given).map_err(|expected| storage::Error::input(format!("{name} = {given:?}: {expected}")))
+    };
+    given.map(variant).transpose()
 }
 
 impl How {
@@ -163,7 +156,7 @@ fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> 
         };
         let evaluation = match (&dataset, &file) {
             (Kept::Folder(dataset), Some(file)) => evaluate_files(dataset, file, &options)?,
-            (_, Some(file)) => evaluate_source(truth, Source::File(file), &options)?,
+            (_, Some(file)) => evaluate_source(truth, Source::File(file.into()), &options)?,
             (_, None) => evaluate_source(truth, Source::Columns(table), &options)?,
         };
         Ok(Scored { score: evaluation.score, units: Arc::new(evaluation.units) })

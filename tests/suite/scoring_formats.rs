@@ -18,7 +18,7 @@ fn given() -> Conventions {
 
 fn score(result: &str, dims: u8) -> Score {
     let options = EvaluateOptions { conventions: given(), dims: Some(dims), ..EvaluateOptions::default() };
-    evaluate_files(&folder().join("canonical.csv"), &folder().join(result), &options).unwrap().score
+    evaluate_files(&folder().join("canonical.csv"), folder().join(result), &options).unwrap().score
 }
 
 /// Above the rounding of DefocusTracker's text file (six digits) and TrackMate's lengths (three digits).
@@ -52,7 +52,7 @@ fn every_format_of_particles_scores_as_the_canonical_one() {
 
 #[test]
 fn every_format_of_fields_holds_the_canonical_one() {
-    let field = |file: &str| match read(&folder().join(file), &given()).unwrap() {
+    let field = |file: &str| match read(folder().join(file), &given()).unwrap() {
         TrackerResult::Field(field) => field.vectors,
         TrackerResult::Points(_) => panic!("{file}: particles"),
     };
@@ -79,7 +79,7 @@ fn every_format_of_fields_holds_the_canonical_one() {
         }
     }
     let truth = folder().join("field_canonical.csv");
-    let score = evaluate_files(&truth, &folder().join("openpiv.txt"), &EvaluateOptions::default())
+    let score = evaluate_files(&truth, folder().join("openpiv.txt"), &EvaluateOptions::default())
         .unwrap()
         .score
         .field
@@ -149,7 +149,7 @@ fn claimed_uncertainties_are_read_and_unused_columns_named() {
     };
     assert_eq!(format!("{:?}", points.sigma), "[[0.1, NaN, NaN], [0.2, NaN, 3.0]]");
     assert!(points.notes.iter().any(|n| n == "columns not used: cm"), "{:?}", points.notes);
-    let TrackerResult::Points(points) = read(&folder().join("trackpy.csv"), &given()).unwrap() else {
+    let TrackerResult::Points(points) = read(folder().join("trackpy.csv"), &given()).unwrap() else {
         panic!()
     };
     assert!(
@@ -365,7 +365,7 @@ fn tables_of_spreadsheets_are_read_and_it_is_said_how() {
     }
     // Fields of other programs as well.
     let pivlab = std::fs::read_to_string(folder().join("pivlab.txt")).unwrap();
-    let expected = read(&folder().join("pivlab.txt"), &given()).unwrap();
+    let expected = read(folder().join("pivlab.txt"), &given()).unwrap();
     let file = place.path().join("pivlab.txt");
     std::fs::write(&file, utf16(&pivlab, true)).unwrap();
     let (TrackerResult::Field(found), TrackerResult::Field(expected)) =

@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use storage::InputFile;
 use storage::error::{Error, Result};
-use storage::input;
 
 use crate::columns::{Columns, MISSING, Values};
 use crate::table::{Cell, Row};
@@ -27,8 +27,9 @@ impl TableReader<File> {
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub fn open(path: &Path) -> Result<Self> {
-        TableReader::new(&path.display().to_string(), input::open(path)?)
+    pub fn open(path: impl Into<InputFile>) -> Result<Self> {
+        let file = path.into();
+        TableReader::new(&file.display().to_string(), file.open()?)
     }
 }
 
@@ -161,7 +162,7 @@ pub fn read_rows<T: Row>(dataset: &Path, needed: &[&str]) -> Result<Vec<T>> {
         rows.push(row);
         Ok(())
     };
-    TableReader::open(&dataset.join(T::PATH))?.rows(needed, keep)?;
+    TableReader::open(dataset.join(T::PATH))?.rows(needed, keep)?;
     Ok(rows)
 }
 

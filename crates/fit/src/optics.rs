@@ -97,7 +97,8 @@ impl Microscope {
 
 /// A quantity that experts may fit in addition. If the model is exact, a scan determines each to a few
 /// percent; for real objectives they absorb errors of the model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum ExtraParameter {
     /// Refractive index of the virtual lens
     RiLens,

@@ -1,13 +1,13 @@
 //! A calibration scan: images of particles at rest at known stage positions.
 
 use std::io::{BufReader, Read, Seek};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use microsig_core::formats::pages::{PageSize, Pages};
 use serde::Deserialize;
 
 use storage::error::{Error, Result};
-use storage::input;
+use storage::{InputFile, input};
 
 /// Minimum number of planes.
 const MIN_PLANES: usize = 7;
@@ -42,10 +42,10 @@ pub struct Level {
 }
 
 /// Source of the stage positions.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub enum StagePositions {
     /// A CSV table with the columns `page` (from 0) or `image`, and `z_um`.
-    Table(PathBuf),
+    Table(InputFile),
     /// A constant step between planes, um.
     Step(f64),
     /// The slice spacing that ImageJ or OME-XML states in the file's description.
@@ -274,8 +274,8 @@ struct Position {
 }
 
 /// Reads the stage position of each of the `n` planes (um) from a table.
-fn read_positions(file: &Path, names: &[String], n: usize) -> Result<Vec<f64>> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(input::open(file)?);
+fn read_positions(file: &InputFile, names: &[String], n: usize) -> Result<Vec<f64>> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.open()?);
     let mut found: Vec<(usize, f64)> = Vec::new();
     for (row, record) in reader.deserialize::<Position>().enumerate() {
         let line = row + 2;
@@ -321,7 +321,7 @@ mod tests {
         let file = folder.path().join("z.csv");
         let read = |text: &str| {
             std::fs::write(&file, text).unwrap();
-            read_positions(&file, &[], 3).map_err(|e| e.to_string())
+            read_positions(&InputFile::from(&file), &[], 3).map_err(|e| e.to_string())
         };
         assert_eq!(read("page,z_um\n2,4\n0,0\n1,2\n"), Ok(vec![0.0, 2.0, 4.0]));
         for text in ["page,z_um\n0,0\n1,2\n", "page,z_um\n0,0\n1,2\n2,4\n3,6\n", "page,z_um\n0,0\n1,2\n1,4\n"]
@@ -340,10 +340,10 @@ mod tests {
             [["calibration/images/00001.tif", "calibration/images/00000.tif"], ["00001.tif", "00000"]]
         {
             std::fs::write(&file, format!("image,z_um\n{},6\n{},0\n", images[0], images[1])).unwrap();
-            assert_eq!(read_positions(&file, &names, 2).unwrap(), [0.0, 6.0]);
+            assert_eq!(read_positions(&InputFile::from(&file), &names, 2).unwrap(), [0.0, 6.0]);
         }
         std::fs::write(&file, "image,z_um\na/1.tif,6\n").unwrap();
-        let message = read_positions(&file, &names, 2).unwrap_err().to_string();
+        let message = read_positions(&InputFile::from(&file), &names, 2).unwrap_err().to_string();
         assert!(message.contains("stack.csv:2: image \"a/1.tif\" is not in the scan's folder"), "{message}");
     }
 

@@ -2,12 +2,12 @@
 //! positions of some or all of them.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use dataset::manifest::KnownFacts;
 use dataset::{FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, write_table};
-use storage::OutputFolder;
 use storage::error::{Error, Result};
+use storage::{InputFile, OutputFolder};
 
 use super::frames::Frames;
 
@@ -47,13 +47,13 @@ impl Known {
     /// A table with other columns, or tables of particles that differ in these; values that do not fit the
     /// recording, by file and line.
     pub(crate) fn read(
-        files: &[PathBuf],
+        files: &[InputFile],
         all_particles: bool,
         frames: usize,
         (width, height): (usize, usize),
     ) -> Result<Self> {
         let mut known = Known { all_particles, ..Known::default() };
-        let mut first: Option<(&PathBuf, Vec<&'static str>)> = None;
+        let mut first: Option<(&InputFile, Vec<&'static str>)> = None;
         for file in files {
             let table = TableReader::open(file)?;
             let has = |name: &str| table.column(name).is_some();

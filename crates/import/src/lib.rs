@@ -31,9 +31,9 @@ use fit::{Scan, StagePositions};
 use frames::Frames;
 use generator::runner::Progress;
 use known::Known;
-use storage::NumberRange;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::{InputFile, NumberRange};
 
 /// Options of [`import`].
 #[derive(Debug, Clone)]
@@ -51,7 +51,7 @@ pub struct ImportOptions {
     /// Whether stage positions increase toward the lens.
     pub toward_lens: bool,
     /// A scenario with the optics, such as `microsig fit` writes.
-    pub optics: Option<PathBuf>,
+    pub optics: Option<InputFile>,
     /// Edge of a pixel in object space, um; taken from the optics if `None`.
     pub um_per_px: Option<f64>,
     /// Time between frames, or between the frames of a pair, s.
@@ -59,7 +59,7 @@ pub struct ImportOptions {
     /// Whether frames 2k and 2k + 1 are a pair.
     pub pairs: bool,
     /// Tables of what is known: heights of planes, positions of particles.
-    pub truth: Vec<PathBuf>,
+    pub truth: Vec<InputFile>,
     /// Whether the positions are those of all particles of their frames.
     pub all_particles: bool,
     /// An image, or a stack of images, without light.
@@ -146,7 +146,7 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     let earlier = Earlier::new(MANIFEST, options.force);
     check_replaceable(out, earlier)?;
     let spinner = options.progress.spinner("reading the scan");
-    let optics = options.optics.as_deref();
+    let optics = options.optics.as_ref();
     let optics = optics.map(|file| optics::Optics::read(file, &options.context)).transpose()?;
     let um_per_px =
         options.um_per_px.or(optics.as_ref().map(optics::Optics::um_per_px)).ok_or_else(|| {

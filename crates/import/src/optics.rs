@@ -4,8 +4,6 @@
 //! The model has its own z = 0, the stage another one. The distance between them is that at which the images
 //! of the model correlate best with the central calibration stack.
 
-use std::path::Path;
-
 use dataset::manifest::{OpticsFacts, WaveFacts};
 use generator::dataset::manifest::{self, wave_facts};
 use generator::runner::Bar;
@@ -13,6 +11,7 @@ use microsig_core::render::Context;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use scenario::Scenario;
+use storage::InputFile;
 use storage::error::{Error, Result};
 use tracking::GrayImage;
 
@@ -61,7 +60,7 @@ impl Optics {
     ///
     /// # Errors
     /// A scenario that cannot be used.
-    pub(crate) fn read(file: &Path, context: &Context) -> Result<Self> {
+    pub(crate) fn read(file: &InputFile, context: &Context) -> Result<Self> {
         Ok(Optics { scenario: scenario::load(file, &[], None, context)?, file: file.display().to_string() })
     }
 

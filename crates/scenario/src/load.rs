@@ -16,6 +16,7 @@ use super::resolve::resolve;
 use super::resolved::Scenario;
 use super::source::{ScenarioText, read_text};
 use super::spec::{Motion, Spec, schema as scenario};
+use storage::InputFile;
 use storage::error::{Error, Result};
 use storage::problem::{Place, Problem, Source};
 
@@ -70,7 +71,12 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
 /// # Errors
 /// [`Error::Problems`] with all problems of text, assignments and values. Constraints between values are
 /// checked as far as the values can be read.
-pub fn load(file: &Path, assignments: &[String], seed: Option<u64>, context: &Context) -> Result<Scenario> {
+pub fn load(
+    file: impl Into<InputFile>,
+    assignments: &[String],
+    seed: Option<u64>,
+    context: &Context,
+) -> Result<Scenario> {
     // Files that a scenario refers to are read when it is resolved.
     let found = ScenarioText::open(file)?;
     load_text(&found.text, (&found.name, &found.folder), assignments, seed, context)

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::language::schema::nearest;
 use super::shipped::{SHIPPED, Shipped, shipped, shipped_suites};
-use storage::TemporaryFolder;
 use storage::error::{Error, Result};
+use storage::{InputFile, TemporaryFolder};
 
 /// Maximum length of a scenario or sweep, bytes.
 const MAX_BYTES: u64 = 16_000_000;
@@ -15,11 +15,12 @@ const MAX_BYTES: u64 = 16_000_000;
 ///
 /// # Errors
 /// A path that is not a regular file; text that is not UTF-8 or longer than 16 MB.
-pub fn read_text(file: &Path) -> Result<String> {
+pub fn read_text(file: impl Into<InputFile>) -> Result<String> {
+    let file = file.into();
     let refuse = |expected: &str| Error::input(format!("{}: expected {expected}", file.display()));
-    let open = storage::input::open(file)?;
+    let open = file.open()?;
     let mut bytes = Vec::new();
-    open.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::read(file, e))?;
+    open.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::read(&file, e))?;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(refuse("at most 16 MB of text"));
     }
@@ -51,14 +52,15 @@ impl ScenarioText {
     ///
     /// # Errors
     /// As for [`read_text`]; a name that is not shipped.
-    pub fn open(file: &Path) -> Result<Self> {
+    pub fn open(file: impl Into<InputFile>) -> Result<Self> {
+        let file = file.into();
         let name = file.display().to_string();
         let is_name = file.components().count() == 1 && file.extension().is_none();
-        if is_name && !file.exists() && !storage::is_standard(file) {
+        if is_name && !file.exists() && !file.is_standard() {
             return Self::shipped(name);
         }
         let folder = file.parent().unwrap_or(Path::new(".")).to_owned();
-        let text = read_text(file).map_err(|e| match file.file_stem().and_then(|stem| stem.to_str()) {
+        let text = read_text(&file).map_err(|e| match file.file_stem().and_then(|stem| stem.to_str()) {
             Some(stem) if !file.exists() && Shipped::named(stem).is_some() => {
                 Error::input(format!("{e}; the shipped scenario is found by its name, `{stem}`"))
             }

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use super::checksums::SHA256SUMS;
 use super::interrupt::{Temporary, pause_if_interrupted};
 use super::journal::TEMPORARY;
-use super::standard::{is_standard, print};
 use crate::error::{Error, Result};
 
 /// Write buffer, bytes.
@@ -65,12 +64,10 @@ enum Destination {
     File(PathBuf),
     /// A device or pipe, written directly.
     Stream,
-    /// Standard output.
-    Standard,
 }
 
-/// Checks that a result may be written to a path: it does not exist, it is standard output, a character device
-/// or pipe, or, with `force`, it is a regular file or a link to one.
+/// Checks that a result may be written to a path: it does not exist, it is a character device or
+/// pipe, or, with `force`, it is a regular file or a link to one.
 ///
 /// # Errors
 /// [`Error::Exists`] without `force`; a folder, a dangling link or another kind of device.
@@ -79,9 +76,6 @@ pub fn may_write(path: &Path, force: bool) -> Result<()> {
 }
 
 fn destination(path: &Path, force: bool) -> Result<Destination> {
-    if is_standard(path) {
-        return Ok(Destination::Standard);
-    }
     let Ok(own) = std::fs::symlink_metadata(path) else { return Ok(Destination::File(path.to_owned())) };
     let refuse =
         |what: &str| Err(Error::input(format!("{}: is {what}, which is not replaced", path.display())));
@@ -121,9 +115,6 @@ fn is_stream(_: FileType) -> bool {
 /// # Errors
 /// A path in a folder with `SHA256SUMS` and a manifest, or below one.
 pub fn outside_datasets(path: &Path) -> Result<()> {
-    if is_standard(path) {
-        return Ok(());
-    }
     let whole = std::path::absolute(path).map_err(|e| Error::read(path, e))?;
     // Resolves links above the file.
     let above = whole.parent().and_then(|above| above.ancestors().find_map(|p| p.canonicalize().ok()));
@@ -152,7 +143,6 @@ pub fn save_result(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
             remove_stale(file.parent().unwrap_or(Path::new(".")));
             save_bytes(&file, bytes)
         }
-        Destination::Standard => print(bytes),
         Destination::Stream => OpenOptions::new()
             .write(true)
             .open(path)

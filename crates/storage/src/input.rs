@@ -1,4 +1,4 @@
-//! Reading untrusted files: regular files, and standard input, with a size limit.
+//! Reading untrusted files: regular files, with a size limit.
 //!
 //! Pipes, devices and sockets may be endless or block the reader; they are refused before being opened. All
 //! files given by users are opened here (`tests/suite/house.rs` checks it).
@@ -9,16 +9,12 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::memory::{free_memory, size_text};
-use crate::standard::{self, is_standard};
 
-/// Opens a regular file; links are followed, and `-` is standard input in commands.
+/// Opens a regular file; links are followed.
 ///
 /// # Errors
 /// A file that cannot be opened; a folder, pipe, device or socket.
 pub fn open(path: &Path) -> Result<File> {
-    if is_standard(path) {
-        return standard::input();
-    }
     regular(path, &std::fs::metadata(path).map_err(|e| Error::read(path, e))?)?;
     let file = without_waiting().open(path).map_err(|e| Error::read(path, e))?;
     // The file may have been replaced since the check.

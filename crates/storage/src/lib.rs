@@ -27,7 +27,7 @@ pub use input::read_text;
 pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_errors, on_interrupt};
 pub use output::OutputFolder;
 pub use range::NumberRange;
-pub use standard::{StandardStreams, is_standard, print};
+pub use standard::{InputFile, OutputFile, print};
 
 /// The version of the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

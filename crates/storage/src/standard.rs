@@ -1,65 +1,83 @@
-//! `-`: standard input and output in place of a file, while a command runs that allows it.
+//! Files that a command is given: `-` is standard input or standard output, `./-` is a file of that name. Only
+//! [`InputFile::argument`] and [`OutputFile::argument`] give `-` this meaning; elsewhere it is a file like any other.
 
 use std::fs::File;
 use std::io::{Read, Write};
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::interrupt::TemporaryFolder;
+use super::{file, input};
 use crate::error::{Error, Result};
 
-/// Name of both streams on the command line.
+/// Name of both streams on the command line, and in messages.
 const DASH: &str = "-";
 
 /// Largest standard input, bytes: a bound for endless ones.
 const LARGEST: u64 = 1 << 36;
 
-static ALLOWED: AtomicBool = AtomicBool::new(false);
+/// A file that is read, or standard input. As a path, for messages, standard input is `-`.
+#[derive(Debug, Clone)]
+pub struct InputFile {
+    path: PathBuf,
+    standard: Option<StandardInput>,
+}
 
-/// What was read from standard input, once it has been asked for: a file, because readers need its size, and
-/// some read it twice.
-static INPUT: Mutex<Option<TemporaryFolder>> = Mutex::new(None);
+/// Standard input, kept in a file once it has been asked for, because readers need its size, and some read it twice.
+type StandardInput = Arc<Mutex<Option<TemporaryFolder>>>;
 
-/// While this guard exists, the path `-` is standard input or output; otherwise it is a file of that name, as
-/// `./-` always is.
-#[derive(Debug)]
-pub struct StandardStreams(());
+impl InputFile {
+    /// An argument of a command: `-` is standard input.
+    pub fn argument(path: impl Into<PathBuf>) -> Self {
+        let path = path.into();
+        InputFile { standard: (path.as_os_str() == DASH).then(Arc::default), path }
+    }
 
-impl StandardStreams {
-    /// Makes `-` the standard streams.
-    pub fn allow() -> Self {
-        ALLOWED.store(true, Ordering::SeqCst);
-        StandardStreams(())
+    /// Whether this is standard input.
+    pub fn is_standard(&self) -> bool {
+        self.standard.is_some()
+    }
+
+    /// Opens the file as [`input::open`] does; standard input from its beginning, however often it is opened.
+    ///
+    /// # Errors
+    /// As [`input::open`]; standard input that is too large or cannot be stored.
+    pub fn open(&self) -> Result<File> {
+        let Some(standard) = &self.standard else { return input::open(&self.path) };
+        let mut standard = standard.lock().unwrap_or_else(PoisonError::into_inner);
+        let file = match standard.as_ref() {
+            Some(folder) => stored_in(folder),
+            None => {
+                let folder = TemporaryFolder::new()?;
+                let file = stored_in(&folder);
+                store(std::io::stdin().lock(), &file, LARGEST)?;
+                *standard = Some(folder);
+                file
+            }
+        };
+        File::open(&file).map_err(|e| Error::read(&file, e))
     }
 }
 
-impl Drop for StandardStreams {
-    fn drop(&mut self) {
-        ALLOWED.store(false, Ordering::SeqCst);
-        INPUT.lock().unwrap_or_else(PoisonError::into_inner).take();
+impl<P: Into<PathBuf>> From<P> for InputFile {
+    fn from(path: P) -> Self {
+        InputFile { path: path.into(), standard: None }
     }
 }
 
-/// Whether a path stands for standard input or output.
-pub fn is_standard(path: &Path) -> bool {
-    path.as_os_str() == DASH && ALLOWED.load(Ordering::SeqCst)
+impl From<&InputFile> for InputFile {
+    fn from(file: &InputFile) -> Self {
+        file.clone()
+    }
 }
 
-/// Standard input from its beginning, however often it is opened.
-pub(crate) fn input() -> Result<File> {
-    let mut input = INPUT.lock().unwrap_or_else(PoisonError::into_inner);
-    let file = match input.as_ref() {
-        Some(folder) => stored_in(folder),
-        None => {
-            let folder = TemporaryFolder::new()?;
-            let file = stored_in(&folder);
-            store(std::io::stdin().lock(), &file, LARGEST)?;
-            *input = Some(folder);
-            file
-        }
-    };
-    File::open(&file).map_err(|e| Error::read(&file, e))
+impl Deref for InputFile {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.path
+    }
 }
 
 fn stored_in(folder: &TemporaryFolder) -> PathBuf {
@@ -74,6 +92,65 @@ fn store(from: impl Read, file: &Path, most: u64) -> Result<()> {
         return Err(Error::input(format!("standard input: larger than {most} bytes")));
     }
     Ok(())
+}
+
+/// A file that a result is written to, or standard output. As a path, for messages, standard output is `-`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OutputFile {
+    path: PathBuf,
+    is_standard: bool,
+}
+
+impl OutputFile {
+    /// An argument of a command: `-` is standard output.
+    pub fn argument(path: impl Into<PathBuf>) -> Self {
+        let path = path.into();
+        OutputFile { is_standard: path.as_os_str() == DASH, path }
+    }
+
+    /// Whether this is standard output.
+    pub fn is_standard(&self) -> bool {
+        self.is_standard
+    }
+
+    /// Checks that a result may be written: to standard output always.
+    ///
+    /// # Errors
+    /// As [`file::may_write`].
+    pub fn may_write(&self, force: bool) -> Result<()> {
+        if self.is_standard { Ok(()) } else { file::may_write(&self.path, force) }
+    }
+
+    /// Checks that the file lies outside of finished datasets, as [`file::outside_datasets`].
+    ///
+    /// # Errors
+    /// A path in a dataset.
+    pub fn outside_datasets(&self) -> Result<()> {
+        if self.is_standard { Ok(()) } else { file::outside_datasets(&self.path) }
+    }
+
+    /// Writes a result, as [`file::save_result`].
+    ///
+    /// # Errors
+    /// As [`file::save_result`].
+    pub fn save(&self, force: bool, bytes: impl AsRef<[u8]>) -> Result<()> {
+        let bytes = bytes.as_ref();
+        if self.is_standard { print(bytes) } else { file::save_result(&self.path, force, bytes) }
+    }
+}
+
+impl<P: Into<PathBuf>> From<P> for OutputFile {
+    fn from(path: P) -> Self {
+        OutputFile { path: path.into(), is_standard: false }
+    }
+}
+
+impl Deref for OutputFile {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.path
+    }
 }
 
 /// Writes to standard output. A reader that closes it early, such as `head`, is no error.
@@ -93,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn endless_input_is_refused_and_a_dash_is_a_file_unless_it_is_allowed() {
+    fn endless_input_is_refused_and_a_dash_is_a_file_unless_it_is_an_argument() {
         let place = tempfile::tempdir().unwrap();
         let at = |name: &str| place.path().join(name);
         store(&b"four"[..], &at("a"), 4).unwrap();
@@ -101,10 +178,8 @@ mod tests {
         let message = store(std::io::repeat(0), &at("b"), 4).unwrap_err().to_string();
         assert_eq!(message, "standard input: larger than 4 bytes");
 
-        assert!(!is_standard(Path::new("-")));
-        let streams = StandardStreams::allow();
-        assert!(is_standard(Path::new("-")) && !is_standard(Path::new("./-")));
-        drop(streams);
-        assert!(!is_standard(Path::new("-")));
+        assert!(InputFile::argument("-").is_standard() && OutputFile::argument("-").is_standard());
+        assert!(!InputFile::argument("./-").is_standard() && !OutputFile::argument("./-").is_standard());
+        assert!(!InputFile::from("-").is_standard() && !OutputFile::from("-").is_standard());
     }
 }

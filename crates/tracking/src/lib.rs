@@ -55,9 +55,8 @@ use dataset::Columns;
 use generator::runner::Progress;
 use job::Job;
 use output::Output;
-use storage::NumberRange;
 use storage::error::{Error, Result};
-use storage::{may_write, save_result};
+use storage::{NumberRange, OutputFile};
 
 /// A tracking method.
 #[derive(Debug)]
@@ -279,19 +278,20 @@ impl ParticleShape {
 ///
 /// # Errors
 /// An unknown method; a dataset that lacks data for the method; an existing result; an I/O error.
-pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Tracked> {
+pub fn track(dataset: &Path, out: impl Into<OutputFile>, options: &TrackOptions) -> Result<Tracked> {
+    let out = out.into();
     let start = Instant::now();
     let method = method(&options.method)?;
     options.shape.check(method.name)?;
-    may_write(out, options.force)?;
+    out.may_write(options.force)?;
     let job = Job::new(dataset, options)?;
     let table = (method.run)(&job)?.columns();
-    save_result(out, options.force, table.csv().as_bytes())?;
+    out.save(options.force, table.csv())?;
     let frames = job.recording.frames();
     let (seconds_per_frame, slowest_frame_seconds) = job.frame_seconds().unzip();
     let (warnings, notes) = job.into_messages();
     Ok(Tracked {
-        out: out.to_owned(),
+        out: out.to_path_buf(),
         method: method.name,
         frames,
         rows: table.rows(),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use storage::NumberRange;
+use storage::{InputFile, NumberRange, OutputFile};
 
 /// A seed.
 pub(super) fn seed(text: &str) -> Result<u64, String> {
@@ -19,6 +19,16 @@ pub(super) fn out_of_range(options: &[(&str, Option<f64>, &NumberRange)]) -> Vec
     wrong.collect()
 }
 
+/// A file that is read; `-` is standard input.
+pub(super) fn input() -> impl TypedValueParser<Value = InputFile> {
+    PathBufValueParser::new().map(InputFile::argument)
+}
+
+/// A file that is written; `-` is standard output.
+pub(super) fn output() -> impl TypedValueParser<Value = OutputFile> {
+    PathBufValueParser::new().map(OutputFile::argument)
+}
+
 /// A folder to be made: not `-`, which stands for standard output.
 pub(super) fn folder() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| {
@@ -27,10 +37,14 @@ pub(super) fn folder() -> impl TypedValueParser<Value = PathBuf> {
 }
 
 /// A file for a plot. Names without an extension are allowed, as devices and pipes have none.
-pub(super) fn plot_file() -> impl TypedValueParser<Value = PathBuf> {
+pub(super) fn plot_file() -> impl TypedValueParser<Value = OutputFile> {
     PathBufValueParser::new().try_map(|path| {
         let is_svg = path.extension().is_none_or(|extension| extension.eq_ignore_ascii_case("svg"));
-        if is_svg { Ok(path) } else { Err("plots are SVG: expected a name that ends in .svg") }
+        if is_svg {
+            Ok(OutputFile::argument(path))
+        } else {
+            Err("plots are SVG: expected a name that ends in .svg")
+        }
     })
 }
 
@@ -42,7 +56,7 @@ mod tests {
     fn plots_have_the_extension_of_their_format() {
         let parse = |name: &str| plot_file().parse_ref(&clap::Command::new("x"), None, name.as_ref());
         for name in ["a.svg", "folder.png/A.SVG", "/dev/stdout"] {
-            assert_eq!(parse(name).ok(), Some(PathBuf::from(name)));
+            assert_eq!(parse(name).ok(), Some(OutputFile::from(name)));
         }
         for name in ["a.png", "a.svg.pdf"] {
             let said = parse(name).unwrap_err().to_string();

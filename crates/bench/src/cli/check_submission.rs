@@ -6,12 +6,14 @@ use clap::Args;
 use serde_json::json;
 
 use super::Common;
+use super::argument::input;
 use super::evaluate::{Checked, checked};
 use super::output::{summarize, warn};
 use crate::suite::RESULT;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::Split;
 use scoring::results::Conventions;
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// Check a submission without the truth; exit code 2 if it would be refused
@@ -22,10 +24,11 @@ pub(super) struct CheckSubmission {
     /// The test split or, with --suite, the generated suite
     dataset: PathBuf,
     /// A result or a submission (folder or zip archive); for a suite, a folder with TRACK/CASE/results.csv
-    submission: PathBuf,
+    #[arg(value_parser = input())]
+    submission: InputFile,
     /// The suite
-    #[arg(long, value_name = "SUITE")]
-    suite: Option<PathBuf>,
+    #[arg(long, value_name = "SUITE", value_parser = input())]
+    suite: Option<InputFile>,
 }
 
 impl CheckSubmission {
@@ -54,7 +57,7 @@ impl CheckSubmission {
                 continue;
             }
             let dataset = self.dataset.join(case.split_folder(split));
-            match checked(&dataset, &result, Conventions::default()) {
+            match checked(&dataset, &result.into(), Conventions::default()) {
                 Ok(Checked { text, .. }) => lines.push(text),
                 Err(e) => problems.extend(e.problems()),
             }

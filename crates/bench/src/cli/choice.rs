@@ -1,4 +1,4 @@
-//! Options that take the same values as a key of scenarios: names and descriptions come from the schema.
+//! Options whose values are the variants of an enum of the libraries, such as a key of scenarios: names and descriptions come from the schema.
 
 use std::ffi::OsStr;
 use std::marker::PhantomData;
@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// Parser of the variants of an enum without fields, under the names that they have in scenarios.
+/// Parser of the variants of an enum without fields, under the names that they have in files.
 #[derive(Debug, Clone)]
 pub(super) struct Choice<T>(PhantomData<T>);
 
@@ -30,11 +30,28 @@ where
             let meaning = variant.get("description").and_then(Value::as_str).unwrap_or_default();
             Some(
                 PossibleValue::new(variant.get("const")?.as_str()?.to_owned())
-                    .help(meaning.replace('\n', " ")),
+                    .help(meaning.trim_end_matches('.').replace('\n', " ")),
             )
         });
         named.collect()
     }
+}
+
+/// Enums whose variants have names and descriptions.
+pub trait Variants: JsonSchema + DeserializeOwned {}
+
+impl<T: JsonSchema + DeserializeOwned> Variants for T {}
+
+/// The variant of this name.
+///
+/// # Errors
+/// Another name: which ones are expected.
+pub fn variant<T: Variants>(name: &str) -> Result<T, String> {
+    serde_json::from_value(Value::String(name.to_owned())).map_err(|_| {
+        let variants = Choice::<T>::variants();
+        let names: Vec<&str> = variants.iter().map(PossibleValue::get_name).collect();
+        format!("expected one of {}", names.join(", "))
+    })
 }
 
 impl<T> TypedValueParser for Choice<T>

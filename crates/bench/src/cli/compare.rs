@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::argument::folder;
+use super::argument::{folder, input};
 use super::options::Replace;
 use super::output::summarize;
 use crate::report::compare;
+use storage::InputFile;
 use storage::error::Result;
 
 /// Rank several scores in a leaderboard
@@ -16,8 +17,8 @@ use storage::error::Result;
 #[command(after_help = "Example: microsig compare scores/mine scores/theirs --out scores/leaderboard")]
 pub(super) struct Compare {
     /// score.json files, or folders that contain one
-    #[arg(required = true)]
-    scores: Vec<PathBuf>,
+    #[arg(required = true, value_parser = input())]
+    scores: Vec<InputFile>,
     /// Folder for leaderboard.csv, curves.csv and leaderboard.html
     #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: PathBuf,

@@ -7,7 +7,8 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::Common;
-use super::argument::folder;
+use super::argument::{folder, input};
+use super::choice::choice;
 use super::options::{ImageTables, Random, Replace};
 use super::output::{report as print, summarize, warn};
 use crate::release::{self, SubmissionFiles, Validated};
@@ -16,6 +17,7 @@ use scoring::evaluate::gate::Shape;
 use scoring::evaluate::measurement::{beyond, check_order, facts_of};
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// Score a tracker's result against the ground truth
@@ -28,12 +30,13 @@ pub(super) struct Evaluate {
     dataset: PathBuf,
     /// A tracker's result (particles or a displacement field), or a submission to a challenge (a folder or
     /// zip archive)
-    result: PathBuf,
+    #[arg(value_parser = input())]
+    result: InputFile,
     /// The result's format [default: detected from its header]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Format>())]
     format: Option<Format>,
     /// Shape of the gate [default: ellipsoid with depth, radial without]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Shape>())]
     gate: Option<Shape>,
     /// Width of the gate in the image plane [default: 2]
     #[arg(long, value_name = "PX")]
@@ -51,7 +54,7 @@ pub(super) struct Evaluate {
     #[arg(long, value_name = "PX", default_value_t = 0.0)]
     border: f64,
     /// Coordinate of the first pixel's center in the result [default: that of the format]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Origin>())]
     origin: Option<Origin>,
     /// Direction of the y axis in the result [default: down]
     #[arg(long, value_enum)]
@@ -160,7 +163,7 @@ impl Evaluate {
         let (result, _unpacked) = if SubmissionFiles::are_at(&self.result) {
             let files = self.submission()?;
             warn(&release::validate(&self.dataset, &files)?.warnings, common);
-            (files.results(), Some(files))
+            (files.results().into(), Some(files))
         } else {
             (self.result.clone(), None)
         };
@@ -200,7 +203,7 @@ pub(super) struct Checked {
 }
 
 /// Checks, without the truth, that a result can be read, or that a submission is complete and fits the split.
-pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Result<Checked> {
+pub(super) fn checked(dataset: &Path, result: &InputFile, given: Conventions) -> Result<Checked> {
     check_order(dataset, result)?;
     if SubmissionFiles::are_at(result) {
         let files = SubmissionFiles::open(result, release::limits(dataset)?)?;

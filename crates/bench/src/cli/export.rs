@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
+use super::argument::output;
 use super::options::Replace;
 use super::output::written;
 use crate::export::{Displacement, ExportFormat, ExportOptions, StackImages, export};
+use storage::OutputFile;
 use storage::error::Result;
 
 /// Export the truth or the images of a dataset to the format of another program
@@ -20,8 +22,8 @@ pub(super) struct Export {
     #[arg(long, value_enum, value_name = "F")]
     format: ExportFormat,
     /// Output file, `-` for standard output
-    #[arg(long, short, value_name = "PATH")]
-    out: PathBuf,
+    #[arg(long, short, value_name = "PATH", value_parser = output())]
+    out: OutputFile,
     /// Image pair, if the displacement field changes with time
     #[arg(long, value_name = "N")]
     pair: Option<u32>,
@@ -55,6 +57,6 @@ impl Export {
         let rows = self.format.rows();
         let of = exported.tracks.map_or_else(|| rows.to_owned(), |n| format!("{rows} of {n} tracks"));
         let text = format!("{}: {} {of}", exported.out.display(), exported.rows);
-        written(&exported.out, &text, &exported, common)
+        written(&self.out, &text, &exported, common)
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::argument::{folder, out_of_range};
+use super::argument::{folder, input, out_of_range};
 use super::choice::choice;
 use super::options::{Random, Replace};
 use super::output::{progress, summarize, warn};
@@ -16,9 +16,9 @@ use fit::{
 };
 use import::ImportOptions;
 use microsig_core::render::waves::{Emission, Layers, Lens};
-use storage::NumberRange;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::{InputFile, NumberRange};
 
 /// Fit the settings of a real microscope to its calibration scan
 #[derive(Debug, Args)]
@@ -36,8 +36,8 @@ pub(super) struct Fit {
     pixel_size: f64,
     /// Positions of the planes: a CSV file with the columns `page` (from 0) or `image`, and `z_um`, the distance
     /// by which the particles moved along the axis, in their medium
-    #[arg(long, value_name = "FILE", conflicts_with = "z_step")]
-    z: Option<PathBuf>,
+    #[arg(long, value_name = "FILE", conflicts_with = "z_step", value_parser = input())]
+    z: Option<InputFile>,
     /// Step of the stage between planes, um
     #[arg(long, value_name = "UM")]
     z_step: Option<f64>,
@@ -55,8 +55,8 @@ pub(super) struct Fit {
     #[arg(long, value_name = "UM")]
     diameter: Option<f64>,
     /// CSV file with the columns `x_px` and `y_px` of the particles to use [default: detected]
-    #[arg(long, value_name = "FILE")]
-    particles: Option<PathBuf>,
+    #[arg(long, value_name = "FILE", value_parser = input())]
+    particles: Option<InputFile>,
     /// Whether the microscope has a cylindrical lens
     #[arg(long, value_enum, default_value_t = Cylinder::Auto, value_name = "ANSWER")]
     astigmatic: Cylinder,
@@ -64,7 +64,7 @@ pub(super) struct Fit {
     #[arg(long, value_enum, default_value_t = Flux::Free)]
     flux: Flux,
     /// Additional quantities to fit; for experts
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "KEYS")]
+    #[arg(long, value_parser = choice::<ExtraParameter>(), value_delimiter = ',', value_name = "KEYS")]
     free: Vec<ExtraParameter>,
     /// Optical model of the images
     #[arg(long, value_enum, default_value_t = Model::Geometric)]
@@ -283,7 +283,7 @@ impl Fit {
         if !problems.is_empty() {
             return Err(Error::Input(problems));
         }
-        let places_px = self.particles.as_deref().map(read_positions).transpose()?;
+        let places_px = self.particles.as_ref().map(read_positions).transpose()?;
         Ok(FitOptions {
             given: Given {
                 magnification: self.magnification,
@@ -332,7 +332,7 @@ impl Fit {
 
 /// Reads particle positions (px) from a table; rows closer than 3 px in x and y, such as those of several
 /// frames, count once.
-fn read_positions(file: &Path) -> Result<Vec<[f64; 2]>> {
+fn read_positions(file: &InputFile) -> Result<Vec<[f64; 2]>> {
     #[derive(serde::Deserialize)]
     struct Row {
         #[serde(alias = "x", alias = "X")]
@@ -340,7 +340,7 @@ fn read_positions(file: &Path) -> Result<Vec<[f64; 2]>> {
         #[serde(alias = "y", alias = "Y")]
         y_px: f64,
     }
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(storage::input::open(file)?);
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.open()?);
     let mut places: Vec<[f64; 2]> = Vec::new();
     for (i, row) in reader.deserialize::<Row>().enumerate() {
         let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;

@@ -1,7 +1,5 @@
 //! `microsig flows`: lists and describes the velocity fields.
 
-use std::path::PathBuf;
-
 use ::flows::params::Parameter;
 use ::flows::registry::{self, FieldEntry};
 use clap::Args;
@@ -13,8 +11,8 @@ use super::options::Replace;
 use super::output::{report, written};
 use crate::flow_plot;
 use scenario;
+use storage::OutputFile;
 use storage::error::{Error, Result};
-use storage::save_result;
 
 /// List the velocity fields, or describe one: formula, parameters, units, defaults, source
 #[derive(Debug, Args)]
@@ -24,7 +22,7 @@ pub(super) struct Flows {
     name: Option<String>,
     /// Plot speed and streamlines of the field in the default scene (SVG)
     #[arg(long, value_name = "FILE", requires = "name", value_parser = plot_file())]
-    plot: Option<PathBuf>,
+    plot: Option<OutputFile>,
     #[command(flatten)]
     replace: Replace,
 }
@@ -49,7 +47,7 @@ impl Flows {
             Error::input(format!("`{name}`: {hint}expected one of {}", names.join(", ")))
         })?;
         if let Some(file) = &self.plot {
-            save_result(file, self.replace.force, flow_plot::svg(entry)?.as_bytes())?;
+            file.save(self.replace.force, flow_plot::svg(entry)?)?;
             return written(file, &description(entry), &described(entry), common);
         }
         report(&description(entry), &described(entry), common)

@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::argument::{folder, out_of_range};
+use super::argument::{folder, input, out_of_range};
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use fit::StagePositions;
 use import::{ImportOptions, Imported, import};
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// Make a folder like a dataset's from recorded images and a calibration scan
@@ -34,8 +35,8 @@ pub(super) struct Import {
     scan: PathBuf,
     /// Stage positions of the scan: a CSV file with the columns `page` (from 0) or `image`, and `z_um`;
     /// several pages may have the same position
-    #[arg(long, value_name = "FILE", conflicts_with = "z_step")]
-    z: Option<PathBuf>,
+    #[arg(long, value_name = "FILE", conflicts_with = "z_step", value_parser = input())]
+    z: Option<InputFile>,
     /// Step of the stage between pages, um
     #[arg(long, value_name = "UM")]
     z_step: Option<f64>,
@@ -43,8 +44,8 @@ pub(super) struct Import {
     #[arg(long)]
     z_toward: bool,
     /// A scenario with the optics, such as `microsig fit` writes; for `mle`
-    #[arg(long, value_name = "SCENARIO")]
-    optics: Option<PathBuf>,
+    #[arg(long, value_name = "SCENARIO", value_parser = input())]
+    optics: Option<InputFile>,
     /// Magnification of the microscope [default: that of the optics]
     #[arg(long, value_name = "M", requires = "pixel_size")]
     magnification: Option<f64>,
@@ -59,8 +60,8 @@ pub(super) struct Import {
     pairs: bool,
     /// What is known: a CSV file with `frame, z_um` (the height of a plane that all particles are in), or with
     /// `frame, x_px, y_px` and perhaps `z_um, track` (positions of particles)
-    #[arg(long, value_name = "FILE", num_args = 1..)]
-    truth: Vec<PathBuf>,
+    #[arg(long, value_name = "FILE", num_args = 1.., value_parser = input())]
+    truth: Vec<InputFile>,
     /// The known positions are those of all particles of their frames, so that ghosts can be told
     #[arg(long, requires = "truth")]
     all_particles: bool,

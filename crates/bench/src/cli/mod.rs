@@ -37,6 +37,7 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::sync::{Arc, PoisonError};
 
+pub use choice::{Variants, variant};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::Context;
@@ -48,11 +49,11 @@ use serde_json::json;
 use generator::runner::{Progress, Tables};
 use storage::error::{Error, Result};
 use storage::table_cache::TableFolder;
-use storage::{StandardStreams, clean_up_on_signals, file_size_limits_are_errors};
+use storage::{clean_up_on_signals, file_size_limits_are_errors};
 
 /// What `--help` states after the options.
 const AFTER_HELP: &str = concat!(
-    "In place of a file, `-` is standard input or standard output. `microsig new --list` lists the scenarios, sweeps \
+    "In place of a file that is no image, `-` is standard input or standard output. `microsig new --list` lists the scenarios, sweeps \
 and suites that can be given by name.
 
 Environment variables:
@@ -204,7 +205,6 @@ impl Cli {
             let hint = if is_resumable { "; --resume continues this run" } else { "" };
             let _ = writeln!(std::io::stderr().lock(), "interrupted{hint}");
         })?;
-        let _streams = StandardStreams::allow();
         let folder = if verb.keeps_tables() { TableFolder::of_user()? } else { None };
         let tables = Tables::new(folder, output::progress(common));
         common.context = Context { tables: Some(Arc::new(tables)) };
@@ -222,6 +222,11 @@ impl Cli {
             let text = text.split("\n\n").next().unwrap_or_default();
             Error::input(text.trim_start_matches("error: "))
         };
+        // The standard streams are those of the program: for it, `-` is a file like any other.
+        let is_dash = |argument: &&OsString| *argument == "-";
+        let arguments = arguments.iter().map(|argument| {
+            Some(argument).filter(is_dash).map_or_else(|| argument.clone(), |_| OsString::from("./-"))
+        });
         let matches = command().try_get_matches_from(arguments).map_err(refused)?;
         let mut cli = Cli::from_arg_matches(&matches).map_err(refused)?;
         cli.common.caller = Some(Caller::new(progress));

@@ -6,9 +6,11 @@ use clap::Args;
 use serde_json::json;
 
 use super::Common;
+use super::argument::output;
 use super::options::Replace;
 use super::output::{report, summarize};
 use scenario::{self, SHIPPED, SUITE, Shipped, nearest, shipped, shipped_suites};
+use storage::OutputFile;
 use storage::error::{Error, Result};
 use storage::save_result;
 
@@ -20,7 +22,8 @@ use storage::save_result;
          Example: microsig new drop.ron --from coffee_ring")]
 pub(super) struct New {
     /// Output file [default: standard output]
-    file: Option<PathBuf>,
+    #[arg(value_parser = output())]
+    file: Option<OutputFile>,
     /// Start from a shipped scenario, sweep or suite
     #[arg(long, value_name = "NAME", conflicts_with = "list")]
     from: Option<String>,
@@ -40,7 +43,7 @@ impl New {
         if self.list {
             return list(common);
         }
-        let file = self.file.as_deref().unwrap_or(Path::new("-"));
+        let file = self.file.clone().unwrap_or_else(|| OutputFile::argument("-"));
         if let (None, Some(name)) = (&self.from, file.to_str().filter(|name| is_shipped(name))) {
             return Err(Error::input(format!(
                 "{name} is the name of a shipped scenario, sweep or suite: `microsig new --from {name}` prints it, `microsig new \
@@ -70,10 +73,10 @@ impl New {
                 (found.text.to_owned(), if found.is_sweep() { "sweep" } else { "generate" })
             }
         };
-        if storage::is_standard(file) {
+        if file.is_standard() {
             return report(text.trim_end(), &json!({ "text": text, "files": [] }), common);
         }
-        files.push((file.to_owned(), text.into_bytes()));
+        files.push((file.to_path_buf(), text.into_bytes()));
         if let Some((existing, _)) = files.iter().find(|(path, _)| path.exists() && !self.replace.force) {
             return Err(Error::exists(existing));
         }
@@ -83,7 +86,7 @@ impl New {
         let text = format!("{0} written; edit it, then run `microsig {verb} {0}`", file.display());
         summarize(
             &text,
-            &json!({ "file": file, "files": files.iter().map(|(path, _)| path).collect::<Vec<_>>() }),
+            &json!({ "file": &*file, "files": files.iter().map(|(path, _)| path).collect::<Vec<_>>() }),
             common,
         )
     }

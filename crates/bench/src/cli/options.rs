@@ -1,19 +1,18 @@
 //! Options that several verbs share; each verb flattens those that it uses.
 
-use std::path::PathBuf;
-
 use clap::{Args, ValueEnum};
 
 use super::{Common, argument};
 use scenario::Scenario;
+use storage::InputFile;
 use storage::error::Result;
 
 /// A scenario, with changes.
 #[derive(Debug, Args)]
 pub(super) struct ScenarioOptions {
     /// The scenario (RON or JSON): a file, `-` for standard input, or the name of a shipped one
-    #[arg(value_name = "SCENARIO")]
-    file: PathBuf,
+    #[arg(value_name = "SCENARIO", value_parser = argument::input())]
+    file: InputFile,
     /// Override a value of the scenario, written as in the file; may be repeated
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<String>,

@@ -2,7 +2,6 @@
 
 use std::fmt::Display;
 use std::io::{IsTerminal as _, Write};
-use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use serde::Serialize;
@@ -11,6 +10,7 @@ use serde_json::Value;
 use super::Common;
 use super::options::ProgressStyle;
 use generator::runner::Progress;
+use storage::OutputFile;
 use storage::error::{Error, Result};
 
 /// What a verb gives to a program that calls it ([`super::Cli::call`]).
@@ -118,8 +118,8 @@ pub(super) fn summarize(text: &str, result: &impl Serialize, common: &Common) ->
 }
 
 /// [`summarize`] for a file: on standard error if the file is standard output.
-pub(super) fn written(out: &Path, text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
-    if !storage::is_standard(out) {
+pub(super) fn written(out: &OutputFile, text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
+    if !out.is_standard() {
         return summarize(text, result, common);
     }
     if common.json || !common.quiet {

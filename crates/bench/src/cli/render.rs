@@ -10,12 +10,13 @@ use microsig_core::render::{RenderMethod, RendererSpec};
 use microsig_core::sensor::{ImageFormat, NoiseRounding};
 
 use super::Common;
-use super::argument::folder;
+use super::argument::{folder, input};
 use super::choice::choice;
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, summarize, warn};
 use generator::runner::{RenderOptions, render};
 use scenario::spec::RenderMode;
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// Render images from MicroSIG's own settings file and data files
@@ -23,9 +24,11 @@ use storage::error::{Error, Result};
 #[command(after_help = "Example: microsig render settings.txt particles/ images/ --seed 1")]
 pub(super) struct Render {
     /// Settings file of MicroSIG
-    settings: PathBuf,
+    #[arg(value_parser = input())]
+    settings: InputFile,
     /// A data file, or a folder of them (*.txt); the image of `-` is image.tif
-    data: PathBuf,
+    #[arg(value_parser = input())]
+    data: InputFile,
     /// Output folder for the images (STEM.tif)
     #[arg(value_parser = folder())]
     out: PathBuf,

@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::Common;
-use super::argument::folder;
+use super::argument::{folder, input};
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, report, summarize, warn};
 use super::shard::ShardOption;
@@ -17,6 +17,7 @@ use generator::runner::{
 };
 use scenario::{Size, Split};
 use scoring::ranking::{ScoreDef, ranks_fields};
+use storage::InputFile;
 use storage::error::{Error, Result};
 use storage::save_bytes;
 
@@ -76,7 +77,8 @@ impl Selection {
 #[derive(Debug, Args)]
 struct List {
     /// The suite
-    suite: PathBuf,
+    #[arg(value_parser = input())]
+    suite: InputFile,
     /// smoke, small or full
     #[arg(long, default_value = "full")]
     size: String,
@@ -85,7 +87,8 @@ struct List {
 #[derive(Debug, Args)]
 struct Generate {
     /// The suite
-    suite: PathBuf,
+    #[arg(value_parser = input())]
+    suite: InputFile,
     /// smoke, small or full
     #[arg(long)]
     size: String,
@@ -106,7 +109,8 @@ struct Generate {
 #[derive(Debug, Args)]
 struct Check {
     /// The suite
-    suite: PathBuf,
+    #[arg(value_parser = input())]
+    suite: InputFile,
     /// smoke, small or full
     #[arg(long)]
     size: String,
@@ -125,7 +129,8 @@ struct Check {
 #[derive(Debug, Args)]
 struct Score {
     /// The suite
-    suite: PathBuf,
+    #[arg(value_parser = input())]
+    suite: InputFile,
     /// The generated suite
     datasets: PathBuf,
     /// The results: RESULTS/TRACKER/TRACK/CASE/results.csv
@@ -157,7 +162,8 @@ struct Score {
 #[derive(Debug, Args)]
 struct Release {
     /// The suite
-    suite: PathBuf,
+    #[arg(value_parser = input())]
+    suite: InputFile,
     /// The generated suite; its train splits become those of the challenges
     datasets: PathBuf,
     /// Output folder of the releases: OUT/TRACK/CASE

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::argument::folder;
+use super::argument::{folder, input};
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, report, summarize};
 use super::shard::ShardOption;
 use super::sweep_scores::SweepScores;
 use generator::runner::{SweepOptions, collect, sweep};
 use scenario::ScenarioText;
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// Generate many datasets over the axes of a sweep
@@ -19,7 +20,8 @@ use storage::error::{Error, Result};
 #[command(after_help = "Example: microsig sweep noise_density_sweep --out sweeps/noise --shard 1/4")]
 pub(super) struct Sweep {
     /// The sweep (RON or JSON): a file, `-` for standard input, or the name of a shipped one
-    sweep: PathBuf,
+    #[arg(value_parser = input())]
+    sweep: InputFile,
     /// Folder of the sweep [default: datasets/NAME]
     #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: Option<PathBuf>,

@@ -14,6 +14,7 @@ use crate::report;
 use generator::runner::{SweepOptions, Swept};
 use scenario::Case;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
+use storage::InputFile;
 use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use tracking::{TrackOptions, track};
@@ -119,7 +120,7 @@ impl SweepScores {
             report::write(&entry.scores, &evaluation, false, replace)?;
         }
         if self.plot {
-            let scores: Vec<PathBuf> = entries.into_iter().map(|entry| entry.scores).collect();
+            let scores: Vec<InputFile> = entries.into_iter().map(|entry| entry.scores.into()).collect();
             let out = swept.out.join("comparison");
             // The comparison depends on the scores only, so an existing one may be replaced.
             report::compare(&scores, &out, replace)?;

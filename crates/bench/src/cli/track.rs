@@ -6,11 +6,11 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::argument::out_of_range;
+use super::argument::{out_of_range, output};
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, warn, written};
+use storage::OutputFile;
 use storage::error::{Error, Result};
-use storage::outside_datasets;
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, track};
 
 /// Run a baseline tracker
@@ -23,8 +23,8 @@ pub(super) struct Track {
     #[arg(long, value_parser = methods())]
     method: String,
     /// Output file (CSV), `-` for standard output [default: DATASET-METHOD.csv, beside the dataset]
-    #[arg(long, short, value_name = "RESULT")]
-    out: Option<PathBuf>,
+    #[arg(long, short, value_name = "RESULT", value_parser = output())]
+    out: Option<OutputFile>,
     /// Largest displacement from frame to frame
     #[arg(long, value_name = "PX", default_value_t = TrackOptions::MAX_DISPLACEMENT_PX)]
     max_displacement: f64,
@@ -85,12 +85,13 @@ impl Track {
         if !wrong.is_empty() {
             return Err(Error::Input(wrong));
         }
-        let out = self.out.clone().map_or_else(|| beside(&self.dataset, &self.method), Ok)?;
+        let out =
+            self.out.clone().map_or_else(|| beside(&self.dataset, &self.method).map(OutputFile::from), Ok)?;
         // Checked first, because tracking may take a long time.
-        outside_datasets(&out)?;
+        out.outside_datasets()?;
         let tracked = track(
             &self.dataset,
-            &out,
+            out.clone(),
             &TrackOptions {
                 method: self.method.clone(),
                 max_displacement_px: self.max_displacement,
@@ -114,7 +115,7 @@ impl Track {
         let each =
             tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} s of CPU time per frame)"));
         let (dataset, shown) = (self.dataset.display(), out.display());
-        let next = if storage::is_standard(&out) {
+        let next = if out.is_standard() {
             String::new()
         } else {
             format!(", in {shown}; score it with `microsig evaluate {dataset} {shown}`")

@@ -7,9 +7,11 @@ use clap::Args;
 use serde_json::json;
 
 use super::Common;
+use super::argument::output;
 use super::options::{ImageTables, Replace};
 use super::output::{report, say, warn, written};
 use crate::view::{ExportOptions, Served, Subject, ViewOptions, export, serve};
+use storage::OutputFile;
 use storage::error::Result;
 
 /// Show a scenario, a dataset or the errors of results in the browser
@@ -39,8 +41,8 @@ pub(super) struct View {
     stay: bool,
     /// Write dataset, results and leaderboard to a single page that opens without the program (at most 64
     /// MB), instead of serving
-    #[arg(long, value_name = "FILE.html")]
-    export: Option<PathBuf>,
+    #[arg(long, value_name = "FILE.html", value_parser = output())]
+    export: Option<OutputFile>,
     /// The frames to export [default: the first 4]
     #[arg(long, value_name = "K,K...", value_delimiter = ',', requires = "export")]
     frames: Vec<u32>,

@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use serde::Serialize;
 
+use storage::OutputFile;
 use storage::error::{Error, Result};
-use storage::{may_write, save_result};
 
 /// Export formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -99,8 +99,8 @@ impl Displacement {
 pub struct ExportOptions {
     /// Output format.
     pub format: ExportFormat,
-    /// Path of the output file.
-    pub out: PathBuf,
+    /// The output file.
+    pub out: OutputFile,
     /// Image pair, for a field that changes with time.
     pub pair: Option<u32>,
     /// Kind of displacement field.
@@ -131,13 +131,13 @@ pub struct Exported {
 /// error.
 pub fn export(dataset: &Path, options: &ExportOptions) -> Result<Exported> {
     let out = &options.out;
-    may_write(out, options.force)?;
+    out.may_write(options.force)?;
     if !dataset.is_dir() {
         return Err(Error::input(format!("{}: expected the folder of a dataset", dataset.display())));
     }
     if let ExportFormat::OmeTiff | ExportFormat::ImagejStack = options.format {
         let rows = stack::write(dataset, options)?;
-        return Ok(Exported { out: out.clone(), rows, tracks: None });
+        return Ok(Exported { out: out.to_path_buf(), rows, tracks: None });
     }
     let (bytes, rows, tracks) = match options.format {
         ExportFormat::Pivmeta => {
@@ -157,6 +157,6 @@ pub fn export(dataset: &Path, options: &ExportOptions) -> Result<Exported> {
             (spots.write(format)?, spots.len(), Some(spots.tracks()))
         }
     };
-    save_result(out, options.force, &bytes)?;
-    Ok(Exported { out: out.clone(), rows, tracks })
+    out.save(options.force, &bytes)?;
+    Ok(Exported { out: out.to_path_buf(), rows, tracks })
 }

@@ -10,7 +10,7 @@ use microsig_core::formats::stack::{Stack, StackAxis, StackFormat, equal_step};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::Image;
 use storage::error::{Error, Result};
-use storage::{input, outside_datasets, save};
+use storage::{input, save};
 
 use super::{ExportFormat, ExportOptions, StackImages};
 
@@ -31,7 +31,12 @@ pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<usize> {
         _ => StackFormat::ImageJ,
     };
     let stack = Stack { name: manifest.name, um_per_px, axis };
-    outside_datasets(&options.out)?;
+    if options.out.is_standard() {
+        return Err(Error::input(
+            "-: expected a file; a stack of images cannot be written to standard output",
+        ));
+    }
+    options.out.outside_datasets()?;
     let shown = options.out.display().to_string();
     save(&options.out, |writer| {
         stack.write(writer, format, &shown, |k| page(&dataset.join(&images[k]), bits))

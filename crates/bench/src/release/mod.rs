@@ -263,7 +263,7 @@ fn whole(folder: &Path) -> Result<Package> {
 /// verified.
 fn commit(withheld: &OutputFolder, archive: &str) -> Result<String> {
     let drawn = secret::draw()?;
-    withheld.save_bytes(SALT, &drawn)?;
+    withheld.save_bytes(SALT, drawn)?;
     checksums::fingerprint_after(&drawn, &withheld.join(archive)).map(|f| f.sha256.to_string())
 }
 

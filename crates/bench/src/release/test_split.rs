@@ -117,7 +117,7 @@ fn public_facts(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) 
 
 /// The table of frames with its published columns.
 fn frames(test: &Path, nominal: Option<&Recordings>) -> Result<Vec<u8>> {
-    let mut table = TableReader::open(&test.join(FrameRow::PATH))?;
+    let mut table = TableReader::open(test.join(FrameRow::PATH))?;
     let columns: Vec<usize> = COLUMNS.iter().filter_map(|name| table.column(name)).collect();
     let header = table.header().to_vec();
     let failed = |e: csv::Error| Error::input(format!("{}: {e}", FrameRow::RELEASED_PATH));

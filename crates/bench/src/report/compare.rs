@@ -31,8 +31,8 @@ use scoring::evaluate::{Score, UnitScores};
 use scoring::ranking::{SCORES, ScoreDef};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::outside_datasets;
 use storage::shown::cell;
+use storage::{InputFile, outside_datasets};
 
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -52,7 +52,7 @@ pub struct Comparison {
 ///
 /// # Errors
 /// Files that are not scores; an existing folder, unless `force`; an I/O error.
-pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison> {
+pub fn compare(paths: &[InputFile], out: &Path, force: bool) -> Result<Comparison> {
     let earlier = Earlier::new("leaderboard.csv", force);
     check_replaceable(out, earlier)?;
     outside_datasets(out)?;
@@ -145,7 +145,7 @@ fn shared(scores: &[(Entry, Score)]) -> impl Iterator<Item = String> {
 }
 
 /// Reads scores; each is named after its folder.
-fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
+fn named(paths: &[InputFile]) -> Result<Vec<Named>> {
     let (mut scores, mut problems) = (Vec::new(), Vec::new());
     for path in paths {
         match score_file::read(path).and_then(|score| Ok((score, score_file::read_units(path)?))) {
@@ -162,7 +162,7 @@ fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
 
 /// Names of the scores at these paths, and of their trackers. Folders of the same name in different locations are
 /// different trackers: the first has the short name, the others are named by their paths.
-fn names_of(paths: &[PathBuf]) -> Vec<(String, String)> {
+fn names_of(paths: &[InputFile]) -> Vec<(String, String)> {
     let mut trackers: BTreeMap<PathBuf, String> = BTreeMap::new();
     let mut names: Vec<(String, String)> = Vec::new();
     for path in paths {
@@ -419,7 +419,7 @@ mod tests {
 
     #[test]
     fn a_tracker_has_the_name_of_its_folder_in_all_cases() {
-        let names = |paths: [&str; 4]| names_of(&paths.map(|path| Path::new(path).join(SCORE)));
+        let names = |paths: [&str; 4]| names_of(&paths.map(|path| Path::new(path).join(SCORE).into()));
         let of =
             |pairs: [(&str, &str); 4]| pairs.map(|(name, tracker)| (name.to_owned(), tracker.to_owned()));
         // Names with the name of a case are not taken apart.
@@ -449,7 +449,7 @@ mod tests {
         let nearer = names(["a/ncc/case_0", "ncc/case_0", "./ncc/case_1", "a/mle/case_0"]);
         assert_eq!(nearer.iter().map(|(_, tracker)| tracker).collect::<BTreeSet<_>>().len(), 3);
         assert_eq!((&nearer[0].1[..], &nearer[1].1), ("ncc", &nearer[2].1));
-        let files = names_of(&["s/ncc/case_0.json", "s/ncc/case_1.json", "s/mle.json"].map(PathBuf::from));
+        let files = names_of(&["s/ncc/case_0.json", "s/ncc/case_1.json", "s/mle.json"].map(InputFile::from));
         assert_eq!(files[0], ("s/ncc/case_0.json".to_owned(), "ncc".to_owned()));
         assert_eq!(files.into_iter().map(|(_, tracker)| tracker).collect::<Vec<_>>(), ["ncc", "ncc", "mle"]);
         let sides = names(["case_0/ncc", "case_1/ncc", "case_1-mle", "case_2"]);

@@ -9,8 +9,8 @@ use scoring::evaluate::curves::NEIGHBOR_PX;
 use scoring::evaluate::score_keys::beyond_ranges;
 use scoring::evaluate::{Score, UnitScores};
 use storage::error::{Error, Result};
-use storage::input;
 use storage::json::mistyped;
+use storage::{InputFile, input};
 
 /// Largest score file accepted, bytes; the largest known one is less than a tenth of this.
 const LARGEST: u64 = 64 << 20;
@@ -22,9 +22,9 @@ const LARGEST_UNITS: u64 = 1 << 30;
 ///
 /// # Errors
 /// A file that is not a score, with every problem in it.
-pub(super) fn read(path: &Path) -> Result<Score> {
-    let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
-    let text = input::read_text_up_to(&file, LARGEST)?;
+pub(super) fn read(path: &InputFile) -> Result<Score> {
+    let file = if path.is_dir() { path.join(SCORE).into() } else { path.clone() };
+    let text = input::text_of(&file, file.open()?, LARGEST)?;
     parse(&text).map_err(|problems| {
         Error::Input(problems.into_iter().map(|problem| format!("{}: {problem}", file.display())).collect())
     })
@@ -34,8 +34,8 @@ pub(super) fn read(path: &Path) -> Result<Score> {
 ///
 /// # Errors
 /// A file that is malformed.
-pub(super) fn read_units(path: &Path) -> Result<Option<UnitScores>> {
-    if storage::is_standard(path) {
+pub(super) fn read_units(path: &InputFile) -> Result<Option<UnitScores>> {
+    if path.is_standard() {
         return Ok(None);
     }
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };

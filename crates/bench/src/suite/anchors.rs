@@ -344,7 +344,7 @@ pub(super) fn of_case(
     let best = ranked.first().copied();
     // Results in other units than px are not spoiled.
     let found =
-        best.and_then(|(best, _)| results::read(&file_of(&best.tracker), &Conventions::default()).ok());
+        best.and_then(|(best, _)| results::read(file_of(&best.tracker), &Conventions::default()).ok());
     let made: Vec<(&str, Against, TrackerResult)> = if is_of_fields {
         let best = match &found {
             Some(TrackerResult::Field(field)) => Some(field),

@@ -13,14 +13,14 @@ use super::dataset::OpenDataset;
 use super::state::App;
 use super::subject::Subject;
 use super::{assets, board};
+use storage::OutputFile;
 use storage::error::{Error, Result};
-use storage::{may_write, save_result};
 
 /// Options of [`export`].
 #[derive(Debug, Clone)]
 pub struct ExportOptions {
     /// The file to write.
-    pub out: PathBuf,
+    pub out: OutputFile,
     /// Replace an existing file.
     pub force: bool,
     /// The frames; empty: the first ones.
@@ -68,7 +68,7 @@ pub(super) const MODULES: [&str; 11] = [
 /// # Errors
 /// A subject without a dataset; frames that do not exist; an existing file, unless `force`; an I/O error.
 pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
-    may_write(&options.out, options.force)?;
+    options.out.may_write(options.force)?;
     if subject.datasets.is_empty() {
         return Err(Error::input("--export: expected a dataset or a sweep's folder"));
     }
@@ -88,8 +88,8 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
         return Err(Error::input(format!("--export: would be larger than {} MiB", LARGEST >> 20)));
     }
     let page = document(&Value::Object(answers.all))?;
-    save_result(&options.out, options.force, page.as_bytes())?;
-    Ok(Exported { out: options.out.clone(), bytes: page.len(), limit_bytes: LARGEST, frames, left_out })
+    options.out.save(options.force, &page)?;
+    Ok(Exported { out: options.out.to_path_buf(), bytes: page.len(), limit_bytes: LARGEST, frames, left_out })
 }
 
 /// Responses of the server by their paths.

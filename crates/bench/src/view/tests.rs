@@ -1,13 +1,13 @@
 //! Tests of requests that a hostile page or program on the same computer may send, and of the responses to
 //! the page.
 
-use microsig_core::render::Context;
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpStream};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use microsig_core::render::Context;
 use serde_json::Value;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;

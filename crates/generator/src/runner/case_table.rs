@@ -29,7 +29,7 @@ impl CaseReader {
     /// # Errors
     /// A file that cannot be read.
     pub fn open(sweep: &Path) -> Result<Option<Self>> {
-        let reader = TableReader::open(&sweep.join(CASES))?;
+        let reader = TableReader::open(sweep.join(CASES))?;
         let column = |name| reader.column(name);
         let columns = (column(BEFORE_AXES[1]), column(BEFORE_AXES[3]), column(Outcome::COLUMNS[0]));
         let (Some(dataset), Some(last), Some(after)) = columns else { return Ok(None) };

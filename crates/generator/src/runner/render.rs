@@ -18,15 +18,15 @@ use crate::dataset::Camera;
 use dataset::manifest::MANIFEST;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim};
-use storage::{OutputFolder, may_write};
+use storage::{InputFile, OutputFolder, may_write};
 
 /// Options of [`render`].
 #[derive(Debug, Clone)]
 pub struct RenderOptions {
     /// The settings file.
-    pub settings: PathBuf,
+    pub settings: InputFile,
     /// A data file, or a folder of them.
-    pub data: PathBuf,
+    pub data: InputFile,
     /// The folder for the images.
     pub out: PathBuf,
     /// Seed of rays and noise.
@@ -76,7 +76,7 @@ const MAX_WARNINGS: usize = 10;
 /// Malformed settings or data files, all of them listed; existing images, unless `force`; an I/O error.
 pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let start = Instant::now();
-    let file = open(&options.settings)?;
+    let file = options.settings.open()?;
     let largest = options.renderer.largest_aperture();
     let settings = settings_file::read_immersed(file, &options.settings.display().to_string(), largest)?;
     let renderer = options.renderer.clone().build(&settings.settings, &options.context)?;
@@ -146,8 +146,8 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
 }
 
 /// Reports the rendering time if it is long, estimated from the first file with particles.
-fn announce(files: &[PathBuf], particles: usize, camera: &Camera, progress: &Progress) -> Result<()> {
-    let first = files.iter().map(|file| read(file)).find(|read| !matches!(read, Ok(rows) if rows.is_empty()));
+fn announce(files: &[InputFile], particles: usize, camera: &Camera, progress: &Progress) -> Result<()> {
+    let first = files.iter().map(read).find(|read| !matches!(read, Ok(rows) if rows.is_empty()));
     let rows = first.transpose()?.unwrap_or_default();
     let tables = || camera.renderer().missing_tables(&rows);
     let time = ImageTime::measure(rows.len(), tables, |n| {
@@ -164,15 +164,13 @@ fn announce(files: &[PathBuf], particles: usize, camera: &Camera, progress: &Pro
 ///
 /// # Errors
 /// Two files whose names differ only in their extension.
-fn image_names(files: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let mut of_file: HashMap<PathBuf, &PathBuf> = HashMap::new();
+fn image_names(files: &[InputFile]) -> Result<Vec<PathBuf>> {
+    let mut of_file: HashMap<PathBuf, &InputFile> = HashMap::new();
     files
         .iter()
         .map(|file| {
-            let stem = match storage::is_standard(file) {
-                true => PathBuf::from("image"),
-                false => PathBuf::from(file.file_stem().unwrap_or_default()),
-            };
+            let stem = if file.is_standard() { Some("image".as_ref()) } else { file.file_stem() };
+            let stem = PathBuf::from(stem.unwrap_or_default());
             let name = stem.with_added_extension("tif");
             match of_file.insert(name.clone(), file) {
                 Some(other) => Err(Error::input(format!(
@@ -187,27 +185,23 @@ fn image_names(files: &[PathBuf]) -> Result<Vec<PathBuf>> {
         .collect()
 }
 
-fn open(path: &Path) -> Result<std::fs::File> {
-    storage::input::open(path)
-}
-
-fn read(path: &Path) -> Result<Vec<Particle>> {
-    Ok(data_file::read(open(path)?, &path.display().to_string())?)
+fn read(file: &InputFile) -> Result<Vec<Particle>> {
+    Ok(data_file::read(file.open()?, &file.display().to_string())?)
 }
 
 /// The data files in natural order of names: the file itself, or all `*.txt` files of a folder except the
 /// settings file.
-fn data_files(data: &Path, settings: &Path) -> Result<Vec<PathBuf>> {
-    if data.is_file() || storage::is_standard(data) {
-        return Ok(vec![data.to_owned()]);
+fn data_files(data: &InputFile, settings: &Path) -> Result<Vec<InputFile>> {
+    if data.is_standard() || data.is_file() {
+        return Ok(vec![data.clone()]);
     }
     let settings = settings.canonicalize().ok();
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(data).map_err(|e| Error::read(data, e))? {
+    let mut files: Vec<InputFile> = Vec::new();
+    for entry in std::fs::read_dir(&**data).map_err(|e| Error::read(data, e))? {
         let path = entry.map_err(|e| Error::read(data, e))?.path();
         let is_text = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"));
         if is_text && path.is_file() && path.canonicalize().ok() != settings {
-            files.push(path);
+            files.push(path.into());
         }
     }
     if files.is_empty() {
@@ -262,7 +256,7 @@ fn limit(mut found: Vec<String>, warnings: &mut Vec<String>) {
 
 /// Reads all files and checks that every particle can be rendered; returns the number of particles.
 fn check(
-    files: &[PathBuf],
+    files: &[InputFile],
     camera: &Camera,
     progress: &Progress,
     warnings: &mut Vec<String>,
@@ -301,7 +295,7 @@ mod tests {
 
     #[test]
     fn data_files_of_one_image_are_refused() {
-        let names = |files: &[&str]| image_names(&files.iter().map(PathBuf::from).collect::<Vec<_>>());
+        let names = |files: &[&str]| image_names(&files.iter().map(InputFile::from).collect::<Vec<_>>());
         assert_eq!(
             names(&["d/a.txt", "d/a.b.txt"]).unwrap(),
             [PathBuf::from("a.tif"), PathBuf::from("a.b.tif")]

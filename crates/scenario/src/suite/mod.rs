@@ -17,8 +17,8 @@ use super::shipped::{SHIPPED, shipped_suites};
 use super::source::read_text;
 use super::spec::Spec;
 use super::splits::Split;
-use storage::TemporaryFolder;
 use storage::error::{Error, Result};
+use storage::{InputFile, TemporaryFolder};
 
 /// Name of a suite file.
 pub const SUITE: &str = "suite.ron";
@@ -112,9 +112,10 @@ impl Suite {
     /// # Errors
     /// A file that cannot be read; all problems of the suite and of its scenarios and sweeps, each with file
     /// and line.
-    pub fn open(suite: &Path) -> Result<Self> {
-        let file = if suite.is_dir() { suite.join(SUITE) } else { suite.to_owned() };
-        if file.exists() || storage::is_standard(&file) {
+    pub fn open(suite: impl Into<InputFile>) -> Result<Self> {
+        let suite = suite.into();
+        let file = if suite.is_dir() { suite.join(SUITE).into() } else { suite.clone() };
+        if file.exists() || file.is_standard() {
             let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
             return Suite::parse(&read_text(&file)?, &file.display().to_string(), folder);
         }
@@ -131,7 +132,7 @@ impl Suite {
         let folder = place.path().join(name);
         std::fs::create_dir(&folder).map_err(Error::write(&folder))?;
         files.extract(place.path()).map_err(Error::write(&folder))?;
-        let mut suite = Suite::parse(&read_text(&folder.join(SUITE))?, &format!("{name}/{SUITE}"), &folder)?;
+        let mut suite = Suite::parse(&read_text(folder.join(SUITE))?, &format!("{name}/{SUITE}"), &folder)?;
         (suite.is_shipped, suite._unpacked) = (true, Some(Arc::new(place)));
         Ok(suite)
     }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::track_set::Position;
 
 /// Shape of a gate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// Distance in the image plane; depth is ignored.

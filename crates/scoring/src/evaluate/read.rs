@@ -12,6 +12,7 @@ use crate::results::{Conventions, Limits, Source, TrackerResult};
 use dataset::{BoxRow, FieldRow, PlaneRow, RecordingFacts, Row, TrackRow};
 use generator::runner::MemoryDataset;
 use scenario::Scenario;
+use storage::InputFile;
 use storage::advice;
 use storage::advice::Named;
 use storage::error::{Error, Result};
@@ -127,8 +128,13 @@ const NO_FIELDS: &str = "this dataset has no true displacement field; score part
 ///
 /// # Errors
 /// Files that are unreadable or malformed; options that do not apply to them.
-pub fn evaluate_files(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
-    measurement::check_order(dataset, result)?;
+pub fn evaluate_files(
+    dataset: &Path,
+    result: impl Into<InputFile>,
+    options: &EvaluateOptions,
+) -> Result<Evaluation> {
+    let result = result.into();
+    measurement::check_order(dataset, &result)?;
     let result = Source::File(result);
     if dataset.is_dir() {
         return evaluate_source(|is_field| Truth::read(dataset, is_field, options), result, options);
@@ -148,7 +154,7 @@ pub fn evaluate_files(dataset: &Path, result: &Path, options: &EvaluateOptions) 
 /// Errors of `truth`; a result that is malformed; options that do not apply.
 pub fn evaluate_source(
     truth: impl FnOnce(bool) -> Result<(Truth, Limits)>,
-    result: Source<'_>,
+    result: Source,
     options: &EvaluateOptions,
 ) -> Result<Evaluation> {
     let (name, format) = (result.name(), result.format(&options.conventions)?);

@@ -2,13 +2,12 @@
 //! axis_x, axis_y, axis_z]` for particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields.
 //! Columns may be in any order; additional columns are ignored.
 
-use std::path::Path;
-
 use super::sheet::{AxisColumns, OptionalColumns, Separator, TextTable};
 use super::{
     Conventions, Converter, DroppedRows, Field, FlowVector, FormatDefaults, LengthUnit, Origin, Points,
     Position, VelocityUnit,
 };
+use storage::InputFile;
 use storage::error::Result;
 
 /// The conventions of microsig's own tables of particles.
@@ -49,7 +48,7 @@ fn axis(sheet: &TextTable) -> Option<AxisColumns> {
 ///
 /// # Errors
 /// All problems of the table, with line numbers.
-pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
+pub fn points(path: impl Into<InputFile>, given: &Conventions) -> Result<Points> {
     points_of(TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows), given)
 }
 
@@ -86,7 +85,7 @@ pub(super) fn points_of(sheet: TextTable, given: &Conventions) -> Result<Points>
 ///
 /// # Errors
 /// All problems of the table, with line numbers.
-pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
+pub fn field(path: impl Into<InputFile>, given: &Conventions) -> Result<Field> {
     field_of(TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows), given)
 }
 

@@ -2,13 +2,12 @@
 //! ...]`. `image_id` is the frame, from 0; the corner of the first pixel is at (0, 0). A key `z_um` is also
 //! read; others are ignored.
 
-use std::path::Path;
-
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 use super::text::Text;
 use super::{Conventions, Converter, DroppedRows, FormatDefaults, LengthUnit, Origin, Points, TrackRow};
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// COCO counts from the corner of the first pixel.
@@ -53,7 +52,7 @@ impl<'de> Visitor<'de> for AtMost {
     }
 }
 
-pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
+pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(DEFAULTS, given)?;
     converter.notes.push("image_id is taken as the frame".to_owned());
     let file = std::io::BufReader::new(Text::open(path)?);

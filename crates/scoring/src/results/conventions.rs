@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use clap::ValueEnum;
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 use super::Format;
 use super::table::{BoxSize, Position};
@@ -12,7 +13,8 @@ use storage::advice::Named;
 use storage::error::{Error, Result};
 
 /// Coordinates of the first pixel's center.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Origin {
     /// (1, 1)
     Center1,

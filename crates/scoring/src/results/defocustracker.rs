@@ -4,11 +4,10 @@
 //! are not tracked. DefocusTrackerAI adds `W, H`, the sizes of boxes (px), and may leave out `id`. Scaled
 //! tables have columns x, y, z with the lengths X sx, Y sy, Z sz.
 
-use std::path::Path;
-
 use super::sheet::{OptionalColumns, Separator, TextTable};
 use super::text::Text;
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, shown};
+use storage::InputFile;
 use storage::advice;
 use storage::advice::Named;
 use storage::error::{Error, Result};
@@ -20,7 +19,7 @@ pub(super) fn csv(sheet: TextTable, given: &Conventions) -> Result<Points> {
     read(sheet, given, [1.0; 3])
 }
 
-pub(super) fn ascii(path: &Path, given: &Conventions) -> Result<Points> {
+pub(super) fn ascii(path: &InputFile, given: &Conventions) -> Result<Points> {
     let head = Text::head(path)?;
     let head = String::from_utf8_lossy(&head);
     let line = head.lines().nth(1).unwrap_or_default();

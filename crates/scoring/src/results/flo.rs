@@ -2,20 +2,19 @@
 //! (float32, little endian); magnitudes above 1e9 mean unknown (Baker et al., IJCV 92, 2011).
 
 use std::io::{BufReader, Read};
-use std::path::Path;
 
 use super::canonical::vector;
 use super::{Conventions, Converter, Field, FormatDefaults, LengthUnit, Origin};
+use storage::InputFile;
 use storage::error::{Error, Result};
-use storage::input;
 
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "Middlebury .flo", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
-pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
+pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     let failed = |e| Error::read(path, e);
     let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));
-    let file = input::open(path)?;
+    let file = path.open()?;
     let bytes = file.metadata().map_err(failed)?.len();
     let mut reader = BufReader::new(file);
     let mut word = [0u8; 4];

@@ -26,27 +26,28 @@ mod trackpy;
 mod xml;
 
 use std::io::Read;
-use std::path::Path;
 
-use clap::ValueEnum;
 use dataset::Columns;
+use schemars::JsonSchema;
+use serde::Deserialize;
 use sheet::{Separator, TextTable};
 
 pub(crate) use canonical::PARTICLES;
 pub use canonical::{field as read_field, points as read_points};
 pub use conventions::{Conventions, Limits, Origin};
 pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
+use storage::InputFile;
 use storage::advice;
 use storage::advice::Named;
 use storage::error::{Error, Result};
-use storage::input;
 pub use table::{
     BoxSize, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit,
 };
 use text::{HEAD, Text};
 
 /// Result formats.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Format {
     /// microsig's own CSV of particles.
     Canonical,
@@ -89,14 +90,14 @@ impl Format {
 
 /// Where a result is.
 #[derive(Debug)]
-pub enum Source<'a> {
+pub enum Source {
     /// In a file.
-    File(&'a Path),
+    File(InputFile),
     /// In columns of one length, named as in a table that a program writes.
     Columns(Columns),
 }
 
-impl Source<'_> {
+impl Source {
     /// Name of the result.
     pub fn name(&self) -> String {
         match self {
@@ -126,7 +127,7 @@ impl Source<'_> {
     /// Everything that is wrong with it, with line numbers.
     pub fn read(self, format: Format, given: &Conventions) -> Result<TrackerResult> {
         let (name, mut found) = match self {
-            Source::File(path) => (path.display().to_string(), of_file(path, format, given)?),
+            Source::File(path) => (path.display().to_string(), of_file(&path, format, given)?),
             Source::Columns(columns) => {
                 let table = TextTable::of_columns(COLUMNS, columns);
                 let found = of_table(table, format, given)?.ok_or_else(|| {
@@ -161,14 +162,14 @@ const COLUMNS: &str = "result";
 ///
 /// # Errors
 /// All problems of the file, with line numbers; an unknown format.
-pub fn read(path: &Path, given: &Conventions) -> Result<TrackerResult> {
-    let source = Source::File(path);
+pub fn read(path: impl Into<InputFile>, given: &Conventions) -> Result<TrackerResult> {
+    let source = Source::File(path.into());
     let format = source.format(given)?;
     source.read(format, given)
 }
 
-fn of_file(path: &Path, format: Format, given: &Conventions) -> Result<TrackerResult> {
-    given.limits.check(path, input::open(path)?.metadata().map_err(|e| Error::read(path, e))?.len())?;
+fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<TrackerResult> {
+    given.limits.check(path, path.open()?.metadata().map_err(|e| Error::read(path, e))?.len())?;
     Ok(match format {
         Format::TrackmateXml => TrackerResult::Points(xml::trackmate(path, given)?),
         Format::Isbi => TrackerResult::Points(xml::isbi(path, given)?),
@@ -222,10 +223,11 @@ fn unique(name: &str, points: &Points) -> Result<()> {
 ///
 /// # Errors
 /// An empty file; a header that matches no format.
-pub fn detect(path: &Path) -> Result<Format> {
+pub fn detect(path: impl Into<InputFile>) -> Result<Format> {
+    let path = &path.into();
     let name = path.display();
     let mut magic = Vec::new();
-    input::open(path)?.take(4).read_to_end(&mut magic).map_err(|e| Error::read(path, e))?;
+    path.open()?.take(4).read_to_end(&mut magic).map_err(|e| Error::read(path, e))?;
     if magic.is_empty() {
         return Err(Error::input(format!("{name}: empty; expected at least a header")));
     }

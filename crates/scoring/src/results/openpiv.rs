@@ -2,11 +2,10 @@
 //! interpolated (openpiv.tools.save). Its tutorials reverse y to point upward with `transform_coordinates`;
 //! such files need --y up.
 
-use std::path::Path;
-
 use super::canonical::vector;
 use super::sheet::{Separator, TextTable};
 use super::{Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin};
+use storage::InputFile;
 use storage::error::Result;
 
 // OpenPIV's coordinates are centers of interrogation windows, counted in whole pixels from the corner of the
@@ -14,7 +13,7 @@ use storage::error::Result;
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "OpenPIV", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
-pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
+pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     let converter = Converter::new(DEFAULTS, given)?;
     let sheet = TextTable::open(path, Separator::Space, 1)?.at_most(given.limits.rows);
     let (x, y, u, v) = (sheet.need("x")?, sheet.need("y")?, sheet.need("u")?, sheet.need("v")?);

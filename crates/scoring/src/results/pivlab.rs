@@ -3,18 +3,17 @@
 //! masked (PIVlab's `file_save.m`). Calibrated exports are in m and m/s; the calibration factors in the
 //! second line are divided out.
 
-use std::path::Path;
-
 use super::canonical::vector;
 use super::sheet::{Separator, TextTable};
 use super::text::Text;
 use super::{Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin, shown};
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "PIVlab", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
-pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
+pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     let head = Text::head(path)?;
     let head = String::from_utf8_lossy(&head);
     let wrong = |line: usize, what: String| Error::input(format!("{}:{line}: {what}", path.display()));

@@ -6,7 +6,6 @@
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
-use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
 use dataset::Columns;
@@ -17,6 +16,7 @@ use super::cells::{Decimals, Place, number};
 use super::conventions::MAX_ROWS;
 use super::text::{Bounded, Text, UnixLines, excel_separator};
 use super::{Converter, DroppedRows, Points, TrackRow, Velocities, VelocityUnit};
+use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// Maximum number of problems listed in full.
@@ -60,7 +60,8 @@ pub struct TextTable {
 impl TextTable {
     /// Opens a table whose header is line `header_line`, counted from 1, without empty lines and a line
     /// `sep=` for Excel.
-    pub fn open(path: &Path, separator: Separator, header_line: u64) -> Result<Self> {
+    pub fn open(path: impl Into<InputFile>, separator: Separator, header_line: u64) -> Result<Self> {
+        let path = &path.into();
         let name = path.display().to_string();
         let text = Text::open(path)?;
         let mut style = Vec::new();

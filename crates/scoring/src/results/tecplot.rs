@@ -9,13 +9,13 @@
 //! it has no vector. Fields in mm are refused, because their origin and time step are not in the file.
 
 use std::io::{BufRead, BufReader};
-use std::path::Path;
 
 use super::canonical::vector;
 use super::text::{Bounded, Text, UnixLines};
 use super::{
     Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin, Points, TrackRow, sheet,
 };
+use storage::InputFile;
 use storage::advice;
 use storage::advice::Named;
 use storage::error::{Error, Result};
@@ -35,7 +35,7 @@ struct Table {
 }
 
 impl Table {
-    fn read(path: &Path, most_rows: usize) -> Result<Self> {
+    fn read(path: &InputFile, most_rows: usize) -> Result<Self> {
         let name = path.display().to_string();
         let lines = BufReader::new(UnixLines::new(Bounded::new(Text::open(path)?, b'\n')));
         let mut table = Table { name, columns: Vec::new(), rows: Vec::new(), has_numbered_zones: false };
@@ -163,7 +163,7 @@ fn davis_columns(header: &str) -> Option<Vec<(String, String)>> {
 const PIXELS: [&str; 5] = ["px", "pix", "pixel", "pixels", "voxel"];
 
 /// Reads particles.
-pub(super) fn points(path: &Path, given: &Conventions) -> Result<Points> {
+pub(super) fn points(path: &InputFile, given: &Conventions) -> Result<Points> {
     let table = Table::read(path, given.limits.rows)?;
     let ((x, unit), (y, _)) = (table.need(&["x"])?, table.need(&["y"])?);
     let (z, track) = (table.column(&["z"]), table.column(&["partid", "trackid", "track id", "id"]));
@@ -238,7 +238,7 @@ pub(super) fn points(path: &Path, given: &Conventions) -> Result<Points> {
 }
 
 /// Reads a field.
-pub(super) fn field(path: &Path, given: &Conventions) -> Result<Field> {
+pub(super) fn field(path: &InputFile, given: &Conventions) -> Result<Field> {
     let table = Table::read(path, given.limits.rows)?;
     let ((x, unit), (y, _)) = (table.need(&["x"])?, table.need(&["y"])?);
     let (u, moved) = table.need(&["vx", "u", "velocity u", "displacement x"])?;
@@ -287,11 +287,11 @@ pub(super) fn field(path: &Path, given: &Conventions) -> Result<Field> {
 mod tests {
     use super::*;
 
-    fn with<T>(text: &str, read: impl Fn(&Path) -> Result<T>) -> std::result::Result<T, String> {
+    fn with<T>(text: &str, read: impl Fn(&InputFile) -> Result<T>) -> std::result::Result<T, String> {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("t.dat");
         std::fs::write(&path, text).unwrap();
-        read(&path).map_err(|e| e.messages().join("\n"))
+        read(&path.into()).map_err(|e| e.messages().join("\n"))
     }
 
     #[test]

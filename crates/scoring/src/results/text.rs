@@ -5,10 +5,9 @@
 
 use std::fs::File;
 use std::io::{Error as IoError, ErrorKind, Read};
-use std::path::Path;
 
+use storage::InputFile;
 use storage::error::{Error, Result};
-use storage::input;
 
 /// Maximum length of a line, or distance between the ends of two XML tags, bytes.
 const LONGEST_LINE: usize = 1 << 16;
@@ -55,8 +54,8 @@ impl Text {
     ///
     /// # Errors
     /// A file that cannot be opened, or that is not text.
-    pub(crate) fn open(path: &Path) -> Result<Self> {
-        let mut file = input::open(path)?;
+    pub(crate) fn open(path: &InputFile) -> Result<Self> {
+        let mut file = path.open()?;
         let mut head = Vec::new();
         (&mut file).take(HEAD as u64).read_to_end(&mut head).map_err(|e| Error::read(path, e))?;
         let is_not = |what: &str| Err(Error::Unsupported(vec![format!("{}: {what}", path.display())]));
@@ -87,7 +86,7 @@ impl Text {
     ///
     /// # Errors
     /// As [`Text::open`]; text that cannot be decoded.
-    pub(super) fn head(path: &Path) -> Result<Vec<u8>> {
+    pub(super) fn head(path: &InputFile) -> Result<Vec<u8>> {
         let mut head = Vec::new();
         let failed = |e| Error::input(format!("{}: {e}", path.display()));
         Text::open(path)?.take(HEAD as u64).read_to_end(&mut head).map_err(failed)?;
@@ -255,7 +254,10 @@ mod tests {
         let path = place.path().join("t.csv");
         std::fs::write(&path, bytes).unwrap();
         let mut text = String::new();
-        Text::open(&path).map_err(|e| e.to_string())?.read_to_string(&mut text).map_err(|e| e.to_string())?;
+        Text::open(&path.into())
+            .map_err(|e| e.to_string())?
+            .read_to_string(&mut text)
+            .map_err(|e| e.to_string())?;
         Ok(text)
     }
 

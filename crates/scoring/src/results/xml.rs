@@ -3,16 +3,16 @@
 //! declarations, and thus custom entities, are refused.
 
 use std::io::BufReader;
-use std::path::Path;
 
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 use super::text::{Bounded, Text};
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, Position, TrackRow, shown};
+use storage::InputFile;
 use storage::error::{Error, Result};
 
-pub(super) fn trackmate(path: &Path, given: &Conventions) -> Result<Points> {
+pub(super) fn trackmate(path: &InputFile, given: &Conventions) -> Result<Points> {
     let usual = FormatDefaults {
         name: "TrackMate tracks",
         origin: Origin::Center0,
@@ -22,7 +22,7 @@ pub(super) fn trackmate(path: &Path, given: &Conventions) -> Result<Points> {
     read(path, given, usual, "Tracks", false)
 }
 
-pub(super) fn isbi(path: &Path, given: &Conventions) -> Result<Points> {
+pub(super) fn isbi(path: &InputFile, given: &Conventions) -> Result<Points> {
     let usual =
         FormatDefaults { name: "ISBI tracks", origin: Origin::Center0, frame_base: 0, unit: LengthUnit::Px };
     // The challenge's readers trim NaN at the ends of tracks and drop tracks with NaN in between.
@@ -30,7 +30,7 @@ pub(super) fn isbi(path: &Path, given: &Conventions) -> Result<Points> {
 }
 
 fn read(
-    path: &Path,
+    path: &InputFile,
     given: &Conventions,
     mut usual: FormatDefaults,
     root: &str,
