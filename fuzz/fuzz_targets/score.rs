@@ -3,7 +3,7 @@
 
 use std::sync::LazyLock;
 
-use bench::report::compare;
+use arena::report::compare;
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 

@@ -3,7 +3,7 @@
 
 use std::sync::LazyLock;
 
-use bench::release::SubmissionFiles;
+use arena::release::SubmissionFiles;
 use scoring::results::Limits;
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use arena::report;
 use bench::cli::{Variants, variant};
-use bench::report;
 use dataset::Columns;
 use microsig_core::render::Context;
 use pyo3::exceptions::{PyIndexError, PyValueError};

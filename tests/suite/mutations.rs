@@ -4,8 +4,8 @@
 
 use std::io::{Cursor, Write};
 
-use bench::release::{Submission, SubmissionFiles};
-use bench::report::parse_score;
+use arena::release::{Submission, SubmissionFiles};
+use arena::report::parse_score;
 use dataset::manifest::Manifest;
 use flows::RecordedTracks;
 use flows::scale::Scale;

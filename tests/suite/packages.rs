@@ -31,7 +31,7 @@ fn read(name: &str) -> String {
 #[test]
 fn what_decides_bytes_does_not_depend_on_the_lock_file() {
     let (manifest, lock) = (read("Cargo.toml"), read("Cargo.lock"));
-    let of_command = ["microsig-core", "flows", "storage", "scenario", "generator", "bench"];
+    let of_command = ["microsig-core", "flows", "storage", "scenario", "generator", "arena", "bench"];
     let of_command: Vec<String> =
         of_command.iter().map(|of| read(&format!("crates/{of}/Cargo.toml"))).collect();
     for name in DECIDING {

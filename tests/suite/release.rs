@@ -69,7 +69,7 @@ fn published() -> Files {
 }
 
 fn known() -> Known {
-    let val = bench::release::derived_seed(SEED, "val");
+    let val = arena::release::derived_seed(SEED, "val");
     Known::of(&CHALLENGE.out.join("withheld/test"), &[SEED, val]).unwrap()
 }
 
@@ -427,7 +427,7 @@ fn no_small_seed_makes_the_test_split() {
 
     // Nor a seed derived from the public one.
     for name in ["test", "val", "train", "small-test"] {
-        let derived = bench::release::derived_seed(SEED, name);
+        let derived = arena::release::derived_seed(SEED, name);
         assert_eq!(guess_by_noise(&settings, &counts, derived..derived + 1), None);
     }
 

@@ -1,6 +1,6 @@
 //! The keys of `score.json` are documented: each has a definition, and docs/score_keys.md lists them.
 
-use bench::report::parse_score;
+use arena::report::parse_score;
 use scoring::evaluate::score_keys::{markdown, score_keys};
 use scoring::ranking::SCORES;
 

@@ -46,6 +46,7 @@ pub mod render;
 pub mod sensor;
 mod settings;
 pub mod stream;
+pub mod visibility;
 
 pub use error::{Error, Fault, Finding, shown};
 pub use interval::Interval;

@@ -12,8 +12,8 @@ use super::field_of_view::corners;
 use super::findings::Findings;
 use super::optics::{clipped, response};
 use super::spec::{Calibration, Spec};
+use microsig_core::visibility::DepthScan;
 use storage::error::Result;
-use visibility::DepthScan;
 
 /// What images the particles.
 pub(super) struct Imaging {
@@ -112,6 +112,6 @@ pub(super) fn scan(
     context: &Context,
 ) -> Result<DepthScan> {
     let renderer = spec.renderer().for_depth_scans();
-    let draw = |settings: &Settings| Ok(renderer.clone().build(settings, context)?);
-    DepthScan::measure(draw, settings, d_um, range_um, depth_factor)
+    let draw = |settings: &Settings| renderer.clone().build(settings, context);
+    Ok(DepthScan::measure(draw, settings, d_um, range_um, depth_factor)?)
 }

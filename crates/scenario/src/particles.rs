@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 pub use super::brightness::{Brightness, Emitted, Growth, PhotonScale, Photons};
 use super::findings::Findings;
 use super::language::problems::Problems;
+use microsig_core::visibility::DepthScan;
 use storage::error::Result;
-use visibility::DepthScan;
 
 /// Default number of particles in view: a source density N_S of about 0.1 with setting 1 and the default
 /// channel.

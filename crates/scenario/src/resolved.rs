@@ -24,8 +24,8 @@ use super::particles::Cloud;
 use super::recordings::Recordings;
 use super::spec::{Calibration, Number, Spec};
 use super::truth_grid::Nodes;
+use microsig_core::visibility::{DepthScan, NoiseFree};
 use storage::error::{Error, Result};
-use visibility::{DepthScan, NoiseFree};
 
 /// A valid scenario with all defaults filled in.
 #[derive(Debug)]
@@ -252,7 +252,7 @@ impl Scenario {
     /// Noise-free images of single particles.
     pub fn noise_free(&self) -> NoiseFree {
         let has_ray_noise = self.renderer.has_ray_noise();
-        let limit = || self.without_ray_noise(visibility::TOLERANCE).ok();
+        let limit = || self.without_ray_noise(microsig_core::visibility::TOLERANCE).ok();
         NoiseFree::new(self.renderer.clone(), has_ray_noise.then(limit).flatten())
     }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
-use bench::suite::{CaseScores, DepthErrors, Picture, SCORES, Status};
+use arena::suite::{CaseScores, DepthErrors, Picture, SCORES, Status};
 
 /// Maximum size of the part of an image that is shown, px.
 const PART: u32 = 320;

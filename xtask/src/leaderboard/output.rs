@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::example;
 use super::run::RECORD;
 use super::trackers::{How, Tracker};
-use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, page, unmeasured};
+use arena::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, page, unmeasured};
 use scoring::ranking::{ScoreDef, ranks_fields};
 
 /// Case for the example image, and cases for which depth errors are plotted, of each track.

@@ -9,7 +9,7 @@ use super::Common;
 use super::argument::input;
 use super::evaluate::{Checked, checked};
 use super::output::{summarize, warn};
-use crate::suite::RESULT;
+use arena::suite::RESULT;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::Split;
 use scoring::results::Conventions;

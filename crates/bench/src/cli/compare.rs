@@ -8,7 +8,7 @@ use super::Common;
 use super::argument::{folder, input};
 use super::options::Replace;
 use super::output::summarize;
-use crate::report::compare;
+use arena::report::compare;
 use storage::InputFile;
 use storage::error::Result;
 

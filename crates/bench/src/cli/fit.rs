@@ -9,7 +9,7 @@ use super::argument::{folder, input, out_of_range};
 use super::choice::choice;
 use super::options::{Random, Replace};
 use super::output::{progress, summarize, warn};
-use crate::report::{field_page, fit_page};
+use arena::report::{field_page, fit_page};
 use fit::{
     Astigmatic, ExtraParameter, FieldFit, FieldOptions, FitOptions, Fitted, Given, Scan, StagePositions,
     Verdict, WaveModel, fit, fit_field,

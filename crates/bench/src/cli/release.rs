@@ -8,7 +8,7 @@ use super::Common;
 use super::argument::folder;
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
-use crate::release::{Deadline, Publication, ReleaseOptions, release};
+use arena::release::{Deadline, Publication, ReleaseOptions, release};
 use storage::error::Result;
 
 /// Make a challenge: a public package and the withheld truth

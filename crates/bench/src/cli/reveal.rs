@@ -9,7 +9,7 @@ use super::Common;
 use super::argument::folder;
 use super::options::Replace;
 use super::output::summarize;
-use crate::release::{RevealOptions, reveal};
+use arena::release::{RevealOptions, reveal};
 use storage::error::Result;
 
 /// Write the truth of a challenge for publication, after its deadline

@@ -10,8 +10,8 @@ use super::argument::{folder, input};
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, report, summarize, warn};
 use super::shard::ShardOption;
-use crate::release::{Deadline, Publication, ReleaseOptions, release};
-use crate::suite::{ScoreOptions, score};
+use arena::release::{Deadline, Publication, ReleaseOptions, release};
+use arena::suite::{ScoreOptions, score};
 use generator::runner::{
     Frozen, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
 };

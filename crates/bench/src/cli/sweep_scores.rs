@@ -10,7 +10,7 @@ use clap::Args;
 use super::Common;
 use super::output::{progress, say, warn};
 use super::track::methods;
-use crate::report;
+use arena::report;
 use generator::runner::{SweepOptions, Swept};
 use scenario::Case;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};

@@ -6,11 +6,11 @@ use std::path::Path;
 
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::sensor::{Counts, Image};
+use microsig_core::visibility::RunLengths;
 use serde_json::{Value, json};
-use visibility::RunLengths;
 
 use super::ExportFormat;
-use crate::release::package::Package;
+use arena::package::Package;
 use dataset::{BoxRow, FrameRow, RecordingFacts, Row, read_rows};
 use storage::error::{Error, Result};
 

@@ -14,10 +14,10 @@ use super::optics;
 use dataset::manifest::Manifest;
 use dataset::{FieldRow, FrameRow, Row, TrackRow};
 use generator::dataset::truth::depth;
+use microsig_core::visibility::DepthScan;
 use scenario::{self, Scenario};
 use storage::error::{Error, Result};
 use storage::input;
-use visibility::DepthScan;
 
 /// Maximum size of an image, pixels.
 const MAX_IMAGE: u64 = 1 << 26;

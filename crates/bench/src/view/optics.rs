@@ -7,9 +7,9 @@ use serde_json::{Value, json};
 use super::columns::list;
 use dataset::DepthRow;
 use generator::dataset::truth::depth::ParticleImage;
+use microsig_core::visibility::{DepthScan, ScanImage};
 use scenario::Scenario;
 use storage::error::Result;
-use visibility::{DepthScan, ScanImage};
 
 /// Maximum half side of a crop, px.
 const MAX_HALF_PX: i64 = 100;

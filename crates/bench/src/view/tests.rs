@@ -15,7 +15,7 @@ use tokio::runtime::Runtime;
 use super::server::accept;
 use super::state::App;
 use super::subject::Subject;
-use crate::report;
+use arena::report;
 use generator::runner::{GenerateOptions, Progress, generate};
 use scenario;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};

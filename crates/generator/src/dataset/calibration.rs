@@ -16,10 +16,10 @@ use rayon::prelude::*;
 
 use super::Camera;
 use crate::preview::depth_of_field_um;
+use microsig_core::visibility::DepthScan;
 use scenario::{Scenario, sensor, spec};
 use storage::OutputFolder;
 use storage::error::{Error, Result};
-use visibility::DepthScan;
 
 /// The table of stacks of particles of these diameters (um), at several places of the field of view or not.
 pub fn table(sizes_um: &[f64], has_places: bool) -> Table {

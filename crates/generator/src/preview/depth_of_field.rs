@@ -1,8 +1,8 @@
 //! Depths between which a curve over depth is high: depth of field and depth of correlation.
 
+use microsig_core::visibility::{DepthScan, ScanImage};
 use scenario::Scenario;
 use storage::error::Result;
-use visibility::{DepthScan, ScanImage};
 
 /// In focus, the peak is at least this fraction of the highest peak.
 const IN_FOCUS: f64 = 0.8;

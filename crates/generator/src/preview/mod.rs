@@ -14,12 +14,12 @@ use serde::Serialize;
 
 pub use depth_of_field::depth_of_field_um;
 use depth_of_field::span;
+use microsig_core::visibility::DepthScan;
 pub use picture::svg;
 use scenario::{CylinderFacts, MotionSource, Scenario, spec::Diameter};
 use storage::error::Result;
 pub use text::{lines, text};
 pub use ticks::tick_label;
-use visibility::DepthScan;
 
 /// Depths whose weight in a correlation is below this fraction of the maximum do not contribute (Olsen and
 /// Adrian 2000).

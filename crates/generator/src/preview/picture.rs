@@ -6,8 +6,8 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::{DepthFacts, Preview, tick_label};
+use microsig_core::visibility::{DepthScan, ScanImage};
 use storage::error::{Error, Result};
-use visibility::{DepthScan, ScanImage};
 
 /// Width of the picture.
 const WIDTH: u32 = 960;

@@ -15,11 +15,11 @@ use crate::dataset::truth::{Census, Truth};
 use crate::dataset::{Camera, Ledger, calibration, card, source, truth};
 use crate::preview::{self, Preview};
 use dataset::manifest::{GENERATOR_VERSION, MANIFEST};
+use microsig_core::visibility::DepthScan;
 use scenario::{SCENARIO, Scenario, write};
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, Partial, check_replaceable, partial_name};
-use visibility::DepthScan;
 
 /// Options of [`generate`].
 #[derive(Debug, Clone)]

@@ -19,11 +19,11 @@ use crate::dataset::manifest::{bit_depth, manifest};
 use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
 use dataset::manifest::{MANIFEST, Manifest, Resource, resource};
 use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow};
+use microsig_core::visibility::DepthScan;
 use scenario::Scenario;
 use storage::checksums::Hashing;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, check_replaceable};
-use visibility::DepthScan;
 
 /// A dataset in memory.
 #[derive(Debug)]

@@ -9,9 +9,9 @@ use microsig_core::sensor::Sensor;
 use rayon::prelude::*;
 
 use crate::dataset::truth::{View, size_class};
+use microsig_core::visibility::NoiseFree;
 use scenario::Scenario;
 use storage::error::{Error, Result};
-use visibility::NoiseFree;
 
 /// Columns of [`Sample::particles`].
 pub const PARTICLE_COLUMNS: [&str; 8] = ["x_px", "y_px", "z_um", "d_um", "c_int", "dx_px", "dy_px", "dz_um"];

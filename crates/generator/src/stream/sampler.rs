@@ -14,9 +14,9 @@ use super::distribution::Drawn;
 use super::labels::{FirstFrame, FlowField, Sample, frame_labels};
 use crate::dataset::truth::Viewer;
 use crate::runner::Frames;
+use microsig_core::visibility::NoiseFree;
 use scenario::Scenario;
 use storage::error::Result;
-use visibility::NoiseFree;
 
 /// Maximum number of cached optics; optics that vary continuously are not reused.
 const MAX_OPTICS: usize = 8;

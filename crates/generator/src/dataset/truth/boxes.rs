@@ -2,9 +2,9 @@
 
 use dataset::BoxRow;
 use flows::frame::Frame;
+use microsig_core::visibility::Outline;
 use scenario::Scenario;
 use scenario::spec::Diameter;
-use visibility::Outline;
 
 use super::Sight;
 

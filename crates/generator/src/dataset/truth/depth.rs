@@ -5,9 +5,9 @@ use super::field;
 use dataset::DepthRow;
 use glam::DVec3;
 use microsig_core::Particle;
+use microsig_core::visibility::DepthScan;
 use scenario::{Scenario, Weighting};
 use storage::error::Result;
-use visibility::DepthScan;
 
 /// Properties of particle images for the manifest.
 #[derive(Debug, Clone, PartialEq)]

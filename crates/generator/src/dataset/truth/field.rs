@@ -4,7 +4,7 @@
 //! correlating images that contain particles at all depths: D = sum w(z) D(z) / sum w(z), D(z) the central
 //! displacement. The contribution of a particle to the correlation decreases with its blur; Olsen & Adrian
 //! (Exp. Fluids 29 (2000) S166) derive it for Gaussian images, where it is the squared peak. Here w is
-//! measured on noise-free images of the dataset's own optics ([`visibility::DepthScan`]): the squared
+//! measured on noise-free images of the dataset's own optics ([`microsig_core::visibility::DepthScan`]): the squared
 //! peak, or the curvature of the autocorrelation at its peak, times the square of the illumination at that
 //! depth. The number density is assumed to be uniform over depth.
 
@@ -17,10 +17,10 @@ use glam::DVec3;
 use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 use rayon::prelude::*;
 
+use microsig_core::visibility::{DepthScan, ScanImage};
 use scenario::{Nodes, Scenario, Weighting};
 use storage::OutputFolder;
 use storage::error::Result;
-use visibility::{DepthScan, ScanImage};
 
 /// The table with the columns of this grid.
 pub fn table(nodes: &Nodes) -> Table {

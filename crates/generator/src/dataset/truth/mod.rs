@@ -19,12 +19,12 @@ pub(crate) use boxes::size_class;
 use dataset::rows::{GRADIENT, OPTICS};
 use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table, TableWriter, TrackRow, write_table};
 use depth::ParticleImage;
+use microsig_core::visibility::{DepthScan, NoiseFree, Visibility, visibility};
 use scenario::Scenario;
 use storage::OutputFolder;
 use storage::error::Result;
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
-use visibility::{DepthScan, NoiseFree, Visibility, visibility};
 
 /// The table of tracks with the columns of this scenario.
 pub fn tracks(scenario: &Scenario) -> Table {

@@ -8,8 +8,8 @@
 
 use std::ops::Range;
 
-use microsig_core::Particle;
-use microsig_core::sensor::Sensor;
+use crate::Particle;
+use crate::sensor::Sensor;
 use rayon::prelude::*;
 
 use super::depth_scan::AREA_SHARE;
@@ -195,7 +195,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use microsig_core::Settings;
+    use crate::Settings;
 
     const WIDTH: usize = 8;
 

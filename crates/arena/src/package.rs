@@ -25,23 +25,23 @@ enum Content {
 
 /// Files by path in the archive.
 #[derive(Debug, Default)]
-pub(crate) struct Package {
+pub struct Package {
     files: BTreeMap<String, Content>,
 }
 
 impl Package {
     /// Adds a file with these contents.
-    pub(crate) fn write(&mut self, path: &str, bytes: impl Into<Vec<u8>>) {
+    pub fn write(&mut self, path: &str, bytes: impl Into<Vec<u8>>) {
         self.files.insert(path.to_owned(), Content::Bytes(bytes.into()));
     }
 
     /// Adds a file from disk.
-    pub(crate) fn copy(&mut self, path: &str, from: PathBuf) {
+    pub fn copy(&mut self, path: &str, from: PathBuf) {
         self.files.insert(path.to_owned(), Content::File(from));
     }
 
     /// Adds the files of a folder whose relative paths satisfy `wanted`.
-    pub(crate) fn copy_folder(&mut self, folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<()> {
+    pub fn copy_folder(&mut self, folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<()> {
         for path in files_below(folder)?.into_iter().filter(|p| wanted(p)) {
             self.copy(&path, folder.join(&path));
         }
@@ -49,12 +49,12 @@ impl Package {
     }
 
     /// The paths of all files.
-    pub(crate) fn paths(&self) -> Vec<String> {
+    pub fn paths(&self) -> Vec<String> {
         self.files.keys().cloned().collect()
     }
 
     /// Sizes and hashes of all files, by path.
-    pub(crate) fn fingerprints(&self) -> Result<BTreeMap<String, Fingerprint>> {
+    pub fn fingerprints(&self) -> Result<BTreeMap<String, Fingerprint>> {
         let of = |content: &Content| match content {
             Content::File(path) => fingerprint(path),
             Content::Bytes(bytes) => Ok(Fingerprint::of(bytes)),
@@ -63,12 +63,12 @@ impl Package {
     }
 
     /// Writes all files into a zip archive, below the folder `root`; an empty one is the archive itself.
-    pub(crate) fn zip(&self, root: &str, folder: &OutputFolder, file: &str) -> Result<()> {
+    pub fn zip(&self, root: &str, folder: &OutputFolder, file: &str) -> Result<()> {
         folder.save(file, |writer| self.zip_into(writer, root, &folder.join(file)))
     }
 
     /// A zip archive in memory; `name` is its name in messages.
-    pub(crate) fn zipped(&self, name: &str) -> Result<Vec<u8>> {
+    pub fn zipped(&self, name: &str) -> Result<Vec<u8>> {
         let mut archive = Cursor::new(Vec::new());
         self.zip_into(&mut archive, "", Path::new(name))?;
         Ok(archive.into_inner())
@@ -107,7 +107,7 @@ impl Package {
     }
 
     /// Writes the files added by [`Package::write`] into a folder.
-    pub(crate) fn unpack(&self, folder: &OutputFolder) -> Result<()> {
+    pub fn unpack(&self, folder: &OutputFolder) -> Result<()> {
         for (path, content) in &self.files {
             if let Content::Bytes(bytes) = content {
                 folder.save_bytes(path, bytes)?;

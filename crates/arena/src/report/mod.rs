@@ -26,11 +26,11 @@ use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{OutputFolder, outside_datasets};
 
 pub use compare::{Comparison, Named, Ranking, compare, ranking};
-pub(crate) use field_page::field_page;
+pub use field_page::field_page;
 pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 use files::UNITS;
-pub(crate) use fit_page::fit_page;
+pub use fit_page::fit_page;
 pub(crate) use for_team::{published, redacted};
 pub use leaderboard::Entry;
 pub(crate) use log_axis::is_logarithmic;

@@ -16,8 +16,8 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::about::ReleaseTexts;
-use super::package::Package;
 use super::submission;
+use crate::package::Package;
 use scoring::ranking::{Better, SCORES, ScoreDef, Subject};
 use storage::error::{Error, Result};
 use storage::{OutputFolder, TemporaryFolder};

@@ -16,9 +16,9 @@ use std::time::SystemTime;
 use serde::Serialize;
 
 use super::deadline::{Deadline, UNTIL};
-use super::package::Package;
 use super::rounds::PublicManifest;
 use super::{COMMITMENT, SALT};
+use crate::package::Package;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};

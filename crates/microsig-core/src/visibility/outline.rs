@@ -1,6 +1,6 @@
 //! The outline of a particle image: the pixels that belong to it, for detectors.
 
-use microsig_core::sensor::Sensor;
+use crate::sensor::Sensor;
 
 use super::noise_free::Patch;
 use super::run_length::RunLengths;
@@ -81,7 +81,7 @@ impl Patch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use microsig_core::Settings;
+    use crate::Settings;
 
     #[test]
     fn an_outline_ends_at_the_share_of_the_peak_and_in_the_noise() {

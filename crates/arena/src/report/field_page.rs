@@ -19,7 +19,7 @@ const UNMAPPED: [&str; 2] = ["x_px", "y_px"];
 ///
 /// # Errors
 /// An image that cannot be drawn.
-pub(crate) fn field_page(made: &FieldFiles, scan: &str, size_px: [usize; 2]) -> Result<String> {
+pub fn field_page(made: &FieldFiles, scan: &str, size_px: [usize; 2]) -> Result<String> {
     let fitted = &made.fitted;
     let singles = fitted.particles.iter().filter(|particle| particle.is_single).count();
     let title = format!("Optics over the field of {scan}");

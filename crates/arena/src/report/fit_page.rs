@@ -20,7 +20,7 @@ const KINDS: [&str; 2] = ["data", "model"];
 ///
 /// # Errors
 /// A plot that cannot be drawn.
-pub(crate) fn fit_page(fitted: &Fitted, evidence: &Evidence, scan: &str, out: &str) -> Result<String> {
+pub fn fit_page(fitted: &Fitted, evidence: &Evidence, scan: &str, out: &str) -> Result<String> {
     let title = format!("Fit of {scan}");
     let plots = plots(fitted, evidence)?;
     let body = html! {

@@ -1,9 +1,9 @@
 //! The noise-free image of any particle of a dataset.
 
 use super::spheroid::spheres;
-use microsig_core::emission::aperture_excess;
-use microsig_core::render::Renderer;
-use microsig_core::{Particle, Settings};
+use crate::emission::aperture_excess;
+use crate::render::Renderer;
+use crate::{Particle, Settings};
 
 /// Tolerance of images that are only used for visibility: the root mean square error relative to the peak.
 /// Peaks are then accurate to 1 %.
@@ -25,7 +25,7 @@ pub struct NoiseFree {
     factor: f64,
 }
 
-/// The light of a particle on a rectangle of pixels, in the unit of [`microsig_core::sensor::Light`].
+/// The light of a particle on a rectangle of pixels, in the unit of [`crate::sensor::Light`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Patch {
     /// Left column and top row, from 0.
@@ -145,11 +145,11 @@ impl Patch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use microsig_core::Spheroid;
-    use microsig_core::emission::SpheroidLaw;
-    use microsig_core::render::waves::WaveOptics;
-    use microsig_core::render::{Context, GaussianSpot, RayRenderer, RenderMethod, RendererSpec};
-    use microsig_core::stream::{Purpose, Streams};
+    use crate::Spheroid;
+    use crate::emission::SpheroidLaw;
+    use crate::render::waves::WaveOptics;
+    use crate::render::{Context, GaussianSpot, RayRenderer, RenderMethod, RendererSpec};
+    use crate::stream::{Purpose, Streams};
 
     const RAYS: RenderMethod = RenderMethod::Rays { spheroids: SpheroidLaw::Original };
 
@@ -176,7 +176,7 @@ mod tests {
         (0..12)
             .map(|k| {
                 let k = f64::from(k);
-                let (x_px, y_px) = (80.0 + 83.0 * (1.7 * k).sin(), 70.0 + 30.0 * (2.9 * k).cos());
+                let (x_px, y_px) = (80.0 + 83.0 * libm::sin(1.7 * k), 70.0 + 30.0 * libm::cos(2.9 * k));
                 Particle { c_int: 1.0 + 0.1 * k, ..Particle::sphere(x_px, y_px, -45.3 + 5.37 * k, 2.0) }
             })
             .collect()

@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use super::about::ReleaseTexts;
-use super::package::Package;
 use super::submission;
+use crate::package::Package;
 use dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
 use dataset::{FrameRow, Row, TableReader};
 use generator::dataset::calibration;

@@ -2,11 +2,9 @@
 //!
 //! The particle is a sphere centered on a pixel.
 
-use microsig_core::render::Renderer;
-use microsig_core::{Particle, Settings};
+use crate::render::Renderer;
+use crate::{Error, Particle, Settings};
 use rayon::prelude::*;
-
-use storage::error::Result;
 
 /// Number of equally spaced depths, as required by the definition of A_pi.
 const DEPTHS: usize = 51;
@@ -32,7 +30,7 @@ pub struct DepthScan {
 /// A noise-free image of a particle with brightness factor 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanImage {
-    /// Maximum light of a pixel, in the unit of [`microsig_core::sensor::Light`].
+    /// Maximum light of a pixel, in the unit of [`crate::sensor::Light`].
     pub peak: f64,
     /// Sum of the light of all rendered pixels.
     pub total: f64,
@@ -57,12 +55,12 @@ impl DepthScan {
     /// # Errors
     /// Settings that cannot be rendered.
     pub fn measure(
-        draw: impl Fn(&Settings) -> Result<Renderer>,
+        draw: impl Fn(&Settings) -> Result<Renderer, Error>,
         settings: &Settings,
         d_um: f64,
         range_um: (f64, f64),
         depth_factor: f64,
-    ) -> Result<Self> {
+    ) -> Result<Self, Error> {
         let last = (DEPTHS - 1) as f64;
         let depths_um: Vec<f64> =
             (0..DEPTHS).map(|k| range_um.0 + (range_um.1 - range_um.0) * k as f64 / last).collect();
@@ -224,8 +222,8 @@ fn extent(profile: &[f64], level: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use microsig_core::emission::SpheroidLaw;
-    use microsig_core::render::RayRenderer;
+    use crate::emission::SpheroidLaw;
+    use crate::render::RayRenderer;
 
     #[test]
     fn a_spot_is_measured_by_hand() {
@@ -278,10 +276,10 @@ mod tests {
             ScanImage::new(40, light.collect(), [81, 81]).size_px()
         };
         // An ellipse of 61 x 31 pixels: its edge lies between a lit and a dark pixel.
-        let [width, height] = image(&|x, y| f64::from(u8::from((x / 30.0).hypot(y / 15.0) <= 1.0)));
+        let [width, height] = image(&|x, y| f64::from(u8::from(libm::hypot(x / 30.0, y / 15.0) <= 1.0)));
         assert!((width - 61.8).abs() < 1e-9 && (height - 31.8).abs() < 1e-9, "{width} {height}");
         // A cone falls linearly, so a tenth of its peak is crossed between pixels.
-        let [width, _] = image(&|x, y| (1.0 - x.hypot(y) / 23.0).max(0.0));
+        let [width, _] = image(&|x, y| (1.0 - libm::hypot(x, y) / 23.0).max(0.0));
         assert!((width - 2.0 * 0.9 * 23.0).abs() < 1e-9, "{width}");
         assert_eq!(ScanImage::new(1, vec![0.0; 9], [3, 3]).size_px(), [0.0, 0.0]);
     }

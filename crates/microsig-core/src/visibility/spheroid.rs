@@ -7,11 +7,11 @@
 
 use std::collections::BTreeMap;
 
-use microsig_core::emission::{
+use crate::emission::{
     GoldenAzimuths, SpheroidLaw, area_ratio, shining_points, sphere_points, surface_points,
 };
-use microsig_core::optics::{OpticalSystem, Ray};
-use microsig_core::{Particle, Settings};
+use crate::optics::{OpticalSystem, Ray};
+use crate::{Particle, Settings};
 
 /// Approximate number of cells.
 const CELLS: f64 = 120.0;
