@@ -72,7 +72,7 @@ class Scores:
     def curve(self, against: str) -> Table:
         """Recall and errors in bins of a property of the true particles.
 
-        :param against: ``z_um``, ``neighbor_px``, ``snr``, ``overlap``, as far as the truth tells it
+        :param against: ``z_um``, ``neighbor_px``, ``snr``, ``overlap``, if the truth has it
         :returns: a table with ``from``, ``to``, ``n_true``, ``tp``, ``recall``, ``bias_x_px``, ...
         :raises ValueError: there is no such curve
         """
@@ -159,8 +159,8 @@ def _given(result: Any) -> list[tuple[str, NDArray[Any] | list[str]]]:
     if not columns:
         raise ValueError("result: no columns; expected frame, track, x_px, y_px [, z_um] or x_px, y_px, dx_px, dy_px")
     if len({len(values) for _, values in columns}) > 1:
-        told = ", ".join(f"{name} {len(values)}" for name, values in columns)
-        raise ValueError(f"result: columns of different lengths: {told}")
+        lengths = ", ".join(f"{name} {len(values)}" for name, values in columns)
+        raise ValueError(f"result: columns of different lengths: {lengths}")
     return columns
 
 

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use dataset::TableReader;
 use dataset::manifest::Manifest;
 use generator::runner::{GenerateOptions, MemoryDataset};
+use microsig_core::KEYS;
 use microsig_core::formats::tiff;
 use microsig_core::render::Context;
 use microsig_core::sensor::Counts;
@@ -208,11 +209,13 @@ pub(crate) fn written(scenario: &Scenario) -> storage::Result<(Object, String)> 
 
 fn settings<'py>(py: Python<'py>, scenario: &Scenario) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
-    macro_rules! set {
-        ($($name:ident)*) => { $( dict.set_item(stringify!($name), scenario.settings.$name)?; )* };
+    for (key, value) in KEYS.iter().zip(scenario.settings.values()) {
+        if key.is_whole {
+            dict.set_item(key.name, value as u64)?;
+        } else {
+            dict.set_item(key.name, value)?;
+        }
     }
-    set!(magnification numerical_aperture focal_length ri_medium ri_lens pixel_size pixel_dim_x pixel_dim_y);
-    set!(background_mean background_noise points_per_pixel n_rays gain cyl_focal_length);
     Ok(dict)
 }
 

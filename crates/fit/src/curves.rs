@@ -9,11 +9,11 @@ use microsig_core::optics::{OpticalSystem, Ray};
 use rayon::prelude::*;
 
 use super::background::Background;
-use super::linear::Symmetric;
 use super::moments::Shape;
 use super::optics::{Given, Microscope, Shared};
 use super::particles::{Window, Windows};
 use super::scan::Scan;
+use microsig_core::linear::Symmetric;
 
 /// Fractions of the light.
 const FRACTIONS: [f64; 3] = [0.2, 0.5, 0.8];

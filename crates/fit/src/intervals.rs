@@ -8,8 +8,8 @@
 
 use rand::{RngExt, SeedableRng};
 
-use super::linear::Symmetric;
 use super::normal::Normal;
+use microsig_core::linear::Symmetric;
 
 /// Minimum number of particles for which each group is a particle.
 const PARTICLES_AS_GROUPS: usize = 5;
@@ -29,7 +29,7 @@ impl Covariance {
     /// `None` if the normal matrix is singular.
     pub(super) fn of(normal: &Normal, particles: usize, chi2: f64) -> Option<Covariance> {
         let inverse = normal.matrix.inverse()?;
-        let n = inverse.n;
+        let n = inverse.n();
         let group = |bead: usize, plane: usize| {
             if particles >= PARTICLES_AS_GROUPS { bead } else { plane / PLANES_OF_GROUP }
         };

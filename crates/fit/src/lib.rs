@@ -17,7 +17,6 @@ mod field;
 mod imager;
 mod images;
 mod intervals;
-mod linear;
 mod minimize;
 mod moments;
 mod noise;
@@ -49,7 +48,7 @@ pub use field::{
     Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, FieldParticle, PlaneImages, fit_field,
 };
 pub use images::Watch;
-pub use linear::Symmetric;
+pub use microsig_core::linear::Symmetric;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use repeats::noise_of_repeats;

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use super::derivatives::Derivatives;
 use super::imager::Imager;
 use super::images::Problem;
-use super::linear::Symmetric;
 use super::state::{Count, HUBER, State, huber};
+use microsig_core::linear::Symmetric;
 use storage::error::Result;
 
 /// The normal equations at a state.

@@ -2,8 +2,8 @@
 //! repeats against its mean signal. Photons and read noise give a straight line; light that fluctuates from
 //! frame to frame adds a square.
 
-use super::linear::Symmetric;
 use super::scan::Scan;
+use microsig_core::linear::Symmetric;
 
 /// Pixels are sorted into classes of signal, this many per decade, up to this many counts.
 const PER_DECADE: f64 = 8.0;

@@ -4,7 +4,7 @@
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use generator::dataset::Preview;
+use generator::dataset::ContactSheet;
 use microsig_core::formats::pages::{PageOrder, PageSize, Pages};
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::sensor::{Counts, Image};
@@ -120,8 +120,8 @@ impl Frames {
     ) -> Result<Written> {
         folder.subfolder("images")?;
         let scale = PixelScale { frame_interval_s: options.dt_s, ..PixelScale::um_per_px(um_per_px) };
-        let chosen = Preview::chosen(self.len() as u32, self.pairs);
-        let (mut written, mut preview) = (Written::default(), Preview::default());
+        let chosen = ContactSheet::chosen(self.len() as u32, self.pairs);
+        let (mut written, mut preview) = (Written::default(), ContactSheet::default());
         let mut saturated: Vec<String> = Vec::new();
         let bar = options.progress.images(self.len() as u64);
         let mut open: Option<(usize, Pages<BufReader<std::fs::File>>)> = None;

@@ -36,6 +36,7 @@ pub mod emission;
 mod error;
 pub mod formats;
 mod interval;
+pub mod linear;
 pub mod optics;
 mod particle;
 mod philox;

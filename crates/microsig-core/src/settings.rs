@@ -172,6 +172,12 @@ impl Settings {
         ]
     }
 
+    /// Whether a position (px) is on a pixel of the sensor: pixel k covers [k - 0.5, k + 0.5).
+    pub fn is_on_sensor(&self, x_px: f64, y_px: f64) -> bool {
+        let on = |at: f64, size: u32| (0.5..f64::from(size) + 0.5).contains(&at);
+        on(x_px, self.pixel_dim_x) && on(y_px, self.pixel_dim_y)
+    }
+
     /// Checks all values.
     ///
     /// # Errors

@@ -405,6 +405,31 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_was_not_written_through_the_folder_stops_it_from_getting_its_name() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("set");
+        let partial = Partial::start(&path).unwrap();
+        partial.folder().save_bytes("a", b"1").unwrap();
+        std::fs::write(partial.folder().join("b"), "2").unwrap();
+        let message = partial.finish(NONE).unwrap_err().to_string();
+        assert!(message.contains("set.partial/b") && !path.exists(), "{message}");
+    }
+
+    #[test]
+    fn the_lock_of_a_folder_within_that_a_killed_run_left_is_its_own() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("set");
+        let outer = FolderClaim::take(&path).unwrap().start(false).unwrap();
+        let within = outer.folder().subfolder("withheld").unwrap().nested("test").unwrap();
+        let inner = FolderClaim::take(&within).unwrap().start(false).unwrap();
+        inner.folder().save_bytes("a", b"1").unwrap();
+        drop((inner, outer));
+        std::fs::write(within.with_file_name(".test.lock"), "process 1 on elsewhere\n").unwrap();
+        drop(Partial::start(&path).unwrap());
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
+    }
+
+    #[test]
     fn a_replacement_that_a_crash_cut_off_is_ended() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("set");

@@ -6,6 +6,7 @@
 //! and background are updated in every round.
 
 use microsig_core::cancel::checkpoint;
+use microsig_core::linear::Symmetric;
 
 use super::acceptance::{Verdict, verdict};
 use super::denoise::PixelNoise;
@@ -362,30 +363,9 @@ impl Equations {
     /// singular.
     pub(super) fn solved(&self, damping: f64) -> Option<Vec<f64>> {
         let n = self.right.len();
-        let mut l = self.matrix.clone();
-        for i in 0..n {
-            l[i * n + i] *= 1.0 + damping;
-            for j in 0..=i {
-                let sum: f64 = (0..j).map(|k| l[i * n + k] * l[j * n + k]).sum();
-                let rest = l[i * n + j] - sum;
-                if i != j {
-                    l[i * n + j] = rest / l[j * n + j];
-                } else if rest > 0.0 && rest.is_finite() {
-                    l[i * n + i] = rest.sqrt();
-                } else {
-                    return None;
-                }
-            }
-        }
-        let mut x = self.right.clone();
-        for i in 0..n {
-            let sum: f64 = (0..i).map(|k| l[i * n + k] * x[k]).sum();
-            x[i] = (x[i] - sum) / l[i * n + i];
-        }
-        for i in (0..n).rev() {
-            let sum: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();
-            x[i] = (x[i] - sum) / l[i * n + i];
-        }
+        let mut matrix = self.matrix.clone();
+        matrix.iter_mut().step_by(n + 1).for_each(|diagonal| *diagonal *= 1.0 + damping);
+        let x = Symmetric::of(n, matrix).solve(&self.right)?;
         x.iter().all(|v| v.is_finite()).then_some(x)
     }
 }

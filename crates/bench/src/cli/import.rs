@@ -62,7 +62,7 @@ pub(super) struct Import {
     /// `frame, x_px, y_px` and perhaps `z_um, track` (positions of particles)
     #[arg(long, value_name = "FILE", num_args = 1.., value_parser = input())]
     truth: Vec<InputFile>,
-    /// The known positions are those of all particles of their frames, so that ghosts can be told
+    /// The known positions are those of all particles of their frames, so that ghosts can be counted
     #[arg(long, requires = "truth")]
     all_particles: bool,
     /// An image without light, or several pages of it, to be subtracted

@@ -52,8 +52,8 @@ impl From<storage::error::Error> for Stop {
     }
 }
 
-/// A running preview.
-struct Preview {
+/// A preview that is being computed.
+struct PreviewRun {
     cancellation: Cancellation,
     sender: Sender<Bytes>,
     start: Instant,
@@ -61,7 +61,7 @@ struct Preview {
 
 /// Computes a preview and sends its parts.
 pub(super) fn run(app: &App, text: &str, cancellation: Cancellation, sender: Sender<Bytes>) {
-    let preview = Preview { cancellation, sender, start: Instant::now() };
+    let preview = PreviewRun { cancellation, sender, start: Instant::now() };
     let under_way = Arc::clone(&app.previewing);
     let _one_at_a_time = locked(&under_way);
     let ended = match preview.cancellation.run(0, || preview.parts(app, text)) {
@@ -72,7 +72,7 @@ pub(super) fn run(app: &App, text: &str, cancellation: Cancellation, sender: Sen
     let _ = preview.send(ended, &[]);
 }
 
-impl Preview {
+impl PreviewRun {
     fn send(&self, mut part: Value, block: &[u8]) -> std::result::Result<(), Stop> {
         part["ms"] = json!(self.start.elapsed().as_millis() as u64);
         let sent = self.sender.blocking_send(message(&part, block));
@@ -185,7 +185,7 @@ fn about(scenario: &Scenario) -> Value {
 /// The particles whose centers are on the sensor, by columns.
 fn particles(scenario: &Scenario, frame: &Frame) -> Value {
     let placed = frame.tracers.iter().map(|tracer| (tracer, scenario.scale.to_image(tracer.position)));
-    let seen: Vec<_> = placed.filter(|(_, at)| is_visible(scenario, at.x_px, at.y_px)).collect();
+    let seen: Vec<_> = placed.filter(|(_, at)| scenario.settings.is_on_sensor(at.x_px, at.y_px)).collect();
     let velocity = |k: usize| {
         let of = |tracer: &flows::Tracer| tracer.velocity.map_or(f64::NAN, |v| v.to_array()[k]);
         list(seen.iter().map(|(tracer, _)| of(tracer)))
@@ -199,16 +199,11 @@ fn particles(scenario: &Scenario, frame: &Frame) -> Value {
     })
 }
 
-fn is_visible(scenario: &Scenario, x_px: f64, y_px: f64) -> bool {
-    let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
-    on(x_px, scenario.settings.pixel_dim_x) && on(y_px, scenario.settings.pixel_dim_y)
-}
-
 /// Number of visible particles, densities and displacements in the rendered frames.
 fn numbers(scenario: &Scenario, frames: &[Frame], area_px: f64) -> Value {
     let visible = |tracer: &flows::Tracer| {
         let at = scenario.scale.to_image(tracer.position);
-        is_visible(scenario, at.x_px, at.y_px)
+        scenario.settings.is_on_sensor(at.x_px, at.y_px)
     };
     let counts = frames.iter().map(|frame| frame.tracers.iter().filter(|tracer| visible(tracer)).count());
     let n_p = counts.sum::<usize>() as f64 / frames.len().max(1) as f64;

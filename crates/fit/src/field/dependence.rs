@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::local::{
     ASTIGMATISM, BLUR, COMA, COUNT, FOCUS, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION, X, Y,
 };
-use crate::linear::Symmetric;
+use microsig_core::linear::Symmetric;
 
 /// A term of the field dependence.
 struct Term {

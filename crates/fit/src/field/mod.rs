@@ -18,7 +18,6 @@ use microsig_core::render::waves::{Lens, WaveOptics};
 
 use crate::background::Background;
 use crate::images::Watch;
-use crate::linear::Symmetric;
 use crate::optics::Given;
 use crate::particles;
 use crate::scan::Scan;
@@ -29,6 +28,7 @@ use frames::Frames;
 use local::{
     ASTIGMATISM, BLUR, COMA, FOCUS, Instrument, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION, X, Y,
 };
+use microsig_core::linear::Symmetric;
 use outcome::Outcome;
 pub use outcome::{FieldFiles, FieldFit, FieldImages, FieldParticle, PlaneImages};
 use particle::{COARSE, FINE, Fit, Subject};
@@ -200,7 +200,7 @@ fn is_good(fit: &Fit, all: &[Fit]) -> bool {
 
 fn evidence_of(place: [f64; 2], fit: &Fit) -> Option<Evidence> {
     let inverse = fit.quadratic.matrix.inverse()?;
-    let n = inverse.n;
+    let n = inverse.n();
     let mut covariance = Symmetric::zeros(n);
     for i in 0..n {
         (0..n).for_each(|j| covariance.add(i, j, fit.chi2() * inverse.at(i, j)));

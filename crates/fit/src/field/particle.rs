@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use super::frames::Frames;
 use super::local::{BLUR, COUNT, FOCUS, Instrument, Local, QUANTITIES, SLOPE, X, Y, bounded};
-use crate::linear::Symmetric;
 use crate::particles::Window;
+use microsig_core::linear::Symmetric;
 use storage::error::{Error, Result};
 
 /// Errors of images in the first steps and in the last ones, relative to the peak.
@@ -276,7 +276,7 @@ impl Subject<'_> {
         let before = fit.chi2();
         while *damping < 1e4 {
             let mut damped = fit.quadratic.matrix.clone();
-            (0..damped.n).for_each(|i| damped.add(i, i, *damping * damped.at(i, i) + 1e-9));
+            (0..damped.n()).for_each(|i| damped.add(i, i, *damping * damped.at(i, i) + 1e-9));
             if let Some(step) = damped.solve(&fit.quadratic.right) {
                 let mut next = fit.local;
                 for (&quantity, by) in fit.free.iter().zip(&step) {

@@ -12,18 +12,18 @@
 pub mod calibration;
 mod camera;
 pub mod card;
+mod contact_sheet;
 mod copy;
 mod ledger;
 pub mod manifest;
-mod preview;
 pub mod secret;
 pub mod source;
 pub mod truth;
 
 pub use camera::Camera;
+pub use contact_sheet::ContactSheet;
 pub use copy::copy;
 pub(crate) use ledger::{FrameEntry, Ledger};
-pub use preview::Preview;
 
 use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table};
 use scenario::{Recordings, Scenario};

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::progress::Progress;
 use super::recording::Frames;
 use crate::dataset::truth::{Census, FrameText, FrameTruth, Truth, TruthWriter};
-use crate::dataset::{Camera, FrameEntry, Ledger, Preview, Stem};
+use crate::dataset::{Camera, ContactSheet, FrameEntry, Ledger, Stem};
 use scenario::Scenario;
 use storage::OutputFolder;
 use storage::checksums::{Fingerprint, fingerprint};
@@ -122,7 +122,7 @@ pub(super) fn write_taken(
 struct DatasetWriter {
     tables: TruthWriter,
     ledger: Ledger,
-    preview: Preview,
+    preview: ContactSheet,
     /// Largest fraction of saturated pixels in a frame of the preview.
     saturated: f64,
     /// Saturation of the camera, counts.
@@ -134,7 +134,7 @@ impl DatasetWriter {
         Ok(DatasetWriter {
             tables: TruthWriter::create(folder, scenario)?,
             ledger: Ledger::new(),
-            preview: Preview::default(),
+            preview: ContactSheet::default(),
             saturated: 0.0,
             end_counts: scenario.sensor()?.saturation_counts(),
         })
@@ -203,7 +203,7 @@ impl<'a> FrameFiles<'a> {
             before: partial.before(),
             scenario,
             camera,
-            shown: Preview::chosen(scenario.recordings.frames(), scenario.recordings.are_pairs()),
+            shown: ContactSheet::chosen(scenario.recordings.frames(), scenario.recordings.are_pairs()),
             files: BufferPool::default(),
         }
     }

@@ -47,8 +47,6 @@ pub struct Traits {
     pub has_ray_noise: bool,
     /// Whether light is diffracted at the lens.
     pub is_diffracted: bool,
-    /// Whether [`Render::gradient`] computes derivatives of images.
-    pub is_differentiable: bool,
     /// Selection of the source points of a spheroid. `None`: there is no choice.
     pub spheroid_law: Option<SpheroidLaw>,
 }

@@ -1,4 +1,4 @@
-//! Selection of a renderer; no other module distinguishes between them.
+//! Selection of a renderer.
 //!
 //! To add a renderer, implement [`Render`] in a file of its own and add a variant to [`RenderMethod`].
 

@@ -13,6 +13,7 @@
 //! of v on theta are neglected.
 
 use microsig_core::emission::SpheroidLaw;
+use microsig_core::linear::Symmetric;
 use microsig_core::render::{Context, RenderMethod, Renderer, RendererSpec, ShapeGradient};
 use microsig_core::sensor::Response;
 use microsig_core::{Particle, Settings, Spheroid};
@@ -403,31 +404,9 @@ fn add<const N: usize>(information: &mut [[f64; N]; N], slopes: &[f64; N], varia
 
 /// Square roots of the diagonal of the inverse; `None` if the matrix is not positive definite.
 fn bounds<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[f64; N]> {
-    // Cholesky: F = L L^T, and (F^-1)_ii = |column i of L^-1|^2.
-    let mut l = [[0.0; N]; N];
-    for i in 0..N {
-        for j in 0..=i {
-            let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            let rest = matrix[i][j] - sum;
-            if i == j {
-                if rest.is_nan() || rest <= 1e-12 * matrix[i][i].abs() {
-                    return None;
-                }
-                l[i][i] = rest.sqrt();
-            } else {
-                l[i][j] = rest / l[j][j];
-            }
-        }
-    }
+    let diagonal = Symmetric::of(N, matrix.concat()).inverse_diagonal(1e-12)?;
     let mut bounds = [0.0; N];
-    for (column, bound) in bounds.iter_mut().enumerate() {
-        let mut x = [0.0; N];
-        for i in column..N {
-            let sum: f64 = (column..i).map(|k| l[i][k] * x[k]).sum();
-            x[i] = (f64::from(u8::from(i == column)) - sum) / l[i][i];
-        }
-        *bound = x.iter().map(|v| v * v).sum::<f64>().sqrt();
-    }
+    bounds.iter_mut().zip(diagonal).for_each(|(bound, variance)| *bound = variance.sqrt());
     Some(bounds)
 }
 

@@ -318,7 +318,7 @@ fn of_header(name: &str, first: &str, columns: &[&str]) -> Result<Format> {
                  is not measured), or x_px, y_px, dx_px, dy_px of a field; `evaluate ",
                 shown(first)
             );
-            Err(Error::Options(advice!(what, Named::Format, "` tells which other program wrote it")))
+            Err(Error::Options(advice!(what, Named::Format, "` names the program that wrote it")))
         }
     }
 }

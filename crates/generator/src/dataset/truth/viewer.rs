@@ -83,9 +83,7 @@ impl Viewer<'_> {
 
     /// Whether a particle's center is on the sensor.
     pub(crate) fn is_visible(&self, particle: &Particle) -> bool {
-        let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
-        let settings = &self.scenario.settings;
-        on(particle.x_px, settings.pixel_dim_x) && on(particle.y_px, settings.pixel_dim_y)
+        self.scenario.settings.is_on_sensor(particle.x_px, particle.y_px)
     }
 
     /// Factor on the light of a frame. Bleaching starts with the first frame of each recording.

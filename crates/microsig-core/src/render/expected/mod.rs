@@ -163,7 +163,7 @@ impl ImageModel for Rays {
     const IMAGES: &'static str = "expected images";
 
     fn traits(&self) -> Traits {
-        Traits { name: "expected", has_ray_noise: false, is_differentiable: true, ..self.rays.traits() }
+        Traits { name: "expected", has_ray_noise: false, ..self.rays.traits() }
     }
 
     fn settings(&self) -> &Settings {

@@ -137,7 +137,6 @@ impl Render for GaussianRenderer {
             depends_on_depth: false,
             has_ray_noise: false,
             is_diffracted: false,
-            is_differentiable: false,
             spheroid_law: None,
         }
     }

@@ -227,7 +227,6 @@ impl Render for RayRenderer {
             depends_on_depth: true,
             has_ray_noise: true,
             is_diffracted: false,
-            is_differentiable: false,
             spheroid_law: Some(self.law),
         }
     }
@@ -311,10 +310,7 @@ impl Render for RayRenderer {
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         // Every window contains the pixel of its center.
-        let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
-        let center =
-            on(particle.x_px, self.settings.pixel_dim_x) && on(particle.y_px, self.settings.pixel_dim_y);
-        center || self.window(particle).area() > 0
+        self.settings.is_on_sensor(particle.x_px, particle.y_px) || self.window(particle).area() > 0
     }
 
     /// Of spheres.

@@ -307,7 +307,6 @@ impl ImageModel for Waves {
             depends_on_depth: true,
             has_ray_noise: false,
             is_diffracted: true,
-            is_differentiable: true,
             spheroid_law: None,
         }
     }

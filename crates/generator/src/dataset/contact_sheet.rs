@@ -20,11 +20,11 @@ const GAP: u32 = 6;
 
 /// A contact sheet to which frames are added.
 #[derive(Default)]
-pub struct Preview {
+pub struct ContactSheet {
     tiles: Vec<(u32, GrayImage)>,
 }
 
-impl Preview {
+impl ContactSheet {
     /// The frames to show out of `frames`: the first ones if they are pairs, otherwise evenly spaced ones.
     pub fn chosen(frames: u32, pairs: bool) -> Vec<u32> {
         let n = frames.min(FRAMES);

@@ -1,10 +1,10 @@
 //! Symmetric positive definite systems with up to a few hundred unknowns: Cholesky factorization, solution,
-//! inverse.
+//! inverse. Only the lower triangle of a matrix is read.
 
 /// A symmetric matrix, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Symmetric {
-    pub(super) n: usize,
+    n: usize,
     values: Vec<f64>,
 }
 
@@ -12,6 +12,17 @@ impl Symmetric {
     /// All elements are 0.
     pub fn zeros(n: usize) -> Self {
         Symmetric { n, values: vec![0.0; n * n] }
+    }
+
+    /// The matrix with these elements, row by row.
+    pub fn of(n: usize, values: Vec<f64>) -> Self {
+        debug_assert_eq!(values.len(), n * n);
+        Symmetric { n, values }
+    }
+
+    /// Number of rows.
+    pub fn n(&self) -> usize {
+        self.n
     }
 
     /// An element.
@@ -24,8 +35,9 @@ impl Symmetric {
         self.values[i * self.n + j] += value;
     }
 
-    /// The lower triangular Cholesky factor L, with A = L L^T; `None` if the matrix is not positive definite.
-    fn factor(&self) -> Option<Vec<f64>> {
+    /// The lower triangular Cholesky factor L, with A = L L^T; `None` if the matrix is not positive definite: if the
+    /// square of an element of the diagonal of L is not above `least` of that of A.
+    fn factor(&self, least: f64) -> Option<Vec<f64>> {
         let n = self.n;
         let mut l = self.values.clone();
         for j in 0..n {
@@ -33,7 +45,7 @@ impl Symmetric {
                 let dot: f64 = (0..j).map(|k| l[i * n + k] * l[j * n + k]).sum();
                 let rest = self.at(i, j) - dot;
                 if i == j {
-                    if !(rest > 0.0 && rest.is_finite()) {
+                    if !(rest > least * self.at(i, i).abs() && rest.is_finite()) {
                         return None;
                     }
                     l[j * n + j] = libm::sqrt(rest);
@@ -47,13 +59,13 @@ impl Symmetric {
 
     /// The solution x of A x = b; `None` if the matrix is not positive definite.
     pub fn solve(&self, b: &[f64]) -> Option<Vec<f64>> {
-        Some(substitute(&self.factor()?, b))
+        Some(substitute(&self.factor(0.0)?, b))
     }
 
     /// The inverse; `None` if the matrix is not positive definite.
     pub fn inverse(&self) -> Option<Symmetric> {
         let n = self.n;
-        let l = self.factor()?;
+        let l = self.factor(0.0)?;
         let mut inverse = Symmetric::zeros(n);
         let mut unit = vec![0.0; n];
         for j in 0..n {
@@ -64,6 +76,21 @@ impl Symmetric {
             unit[j] = 0.0;
         }
         Some(inverse)
+    }
+
+    /// The diagonal of the inverse: sums of squares of the columns of the inverse of L. `None` if the matrix is
+    /// singular: if a row depends on those above it to within `least`.
+    pub fn inverse_diagonal(&self, least: f64) -> Option<Vec<f64>> {
+        let (n, l) = (self.n, self.factor(least)?);
+        let mut x = vec![0.0; n];
+        let squared = (0..n).map(|column| {
+            for i in column..n {
+                let dot: f64 = (column..i).map(|k| l[i * n + k] * x[k]).sum();
+                x[i] = (f64::from(u8::from(i == column)) - dot) / l[i * n + i];
+            }
+            x[column..].iter().map(|v| v * v).sum()
+        });
+        Some(squared.collect())
     }
 
     /// The product A x.
