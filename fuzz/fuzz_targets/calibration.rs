@@ -4,6 +4,8 @@
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
+use microsig_core::render::Context;
+
 use generator::runner::{GenerateOptions, Progress, generate};
 
 /// Five depths, so that the stack of the dataset itself is valid.
@@ -20,7 +22,8 @@ const SCENARIO: &str = r#"(
 static DATASET: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("stack");
-    let scenario = scenario::load_text(SCENARIO, ("stack.ron", folder.path()), &[], None).unwrap();
+    let scenario = scenario::load_text(SCENARIO, ("stack.ron", folder.path()), &[], None, &Context::default())
+        .unwrap();
     let options =
         GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden };
     generate(&scenario, &options).unwrap();

@@ -4,14 +4,14 @@
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use clap::ValueEnum;
+use bench::cli::variants;
 use scoring::results::{Conventions, Format, TrackerResult, read};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let [choice, file @ ..] = bytes else { return };
-    let formats = Format::value_variants();
+    let formats = variants::<Format>();
     // One more: detection.
     let format = formats.get(usize::from(*choice) % (formats.len() + 1)).copied();
     let extension = ["csv", "txt", "xml", "flo", "json"][usize::from(*choice / 16) % 5];

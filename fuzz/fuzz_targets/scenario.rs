@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use microsig_core::render::Context;
 use scenario::{parse, resolve, write};
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
@@ -12,6 +13,6 @@ libfuzzer_sys::fuzz_target!(|text: &str| {
     assert_eq!(write(&parse(&written, "written").unwrap()).unwrap(), written);
     // Some fields are expensive (a sum of many waves); short texts suffice to find errors.
     if text.len() < 2000 {
-        let _ = resolve(spec, Path::new("/nonexistent"));
+        let _ = resolve(spec, Path::new("/nonexistent"), &Context::default());
     }
 });

@@ -10,5 +10,5 @@ static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir(
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let path = FOLDER.path().join("score.json");
     std::fs::write(&path, bytes).unwrap();
-    let _ = compare(&[path], &FOLDER.path().join("comparison"), true);
+    let _ = compare(&[path.into()], &FOLDER.path().join("comparison"), true);
 });

@@ -1,5 +1,6 @@
-//! What an organizer needs, on the public interfaces of the other crates: reports and comparisons of scores
-//! ([`report`]), challenges with a withheld truth ([`release`]), scores and leaderboards of whole suites ([`suite`]).
+//! Reports and comparisons of scores, pages of fits ([`report`]), challenges with a withheld truth
+//! ([`release`]), scores and leaderboards of whole suites ([`suite`]), and the archives of challenges
+//! ([`package`]). It uses only the public interfaces of the other crates.
 
 pub mod package;
 pub mod release;

@@ -1,5 +1,5 @@
-//! The `microsig` command ([`cli`]) and the parts that only it needs: exports to other formats ([`export`]), plots of
-//! flows, and the pages of `microsig view`.
+//! The `microsig` command ([`cli`]) and the parts that only it needs: exports to other formats ([`export`]),
+//! plots of flows, and the pages of `microsig view`.
 
 pub mod cli;
 pub mod export;

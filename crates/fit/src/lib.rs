@@ -48,7 +48,6 @@ pub use field::{
     Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, FieldParticle, PlaneImages, fit_field,
 };
 pub use images::Watch;
-pub use microsig_core::linear::Symmetric;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use repeats::noise_of_repeats;

@@ -22,24 +22,24 @@ const DISPLACEMENT_PX: f64 = 5.0;
 const DT_S: f64 = 0.005;
 
 /// A file of the folder.
-pub(super) type OutputFile = (&'static str, Vec<u8>);
+pub(super) type NamedBytes = (&'static str, Vec<u8>);
 
 /// MicroSIG's settings file.
-pub(super) fn settings(settings: &Settings) -> Result<OutputFile> {
+pub(super) fn settings(settings: &Settings) -> Result<NamedBytes> {
     let mut bytes = Vec::new();
     settings_file::write(&mut bytes, settings).map_err(Error::write(Path::new("settings.txt")))?;
     Ok(("settings.txt", bytes))
 }
 
 /// The result of the fit as JSON.
-pub(super) fn parameters(fitted: &Fitted) -> Result<OutputFile> {
+pub(super) fn parameters(fitted: &Fitted) -> Result<NamedBytes> {
     let mut bytes = serde_json::to_vec_pretty(fitted).map_err(|e| Error::input(e.to_string()))?;
     bytes.push(b'\n');
     Ok(("fit.json", bytes))
 }
 
 /// A scenario with the fitted optics and the depth range of the scan.
-pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microscope) -> OutputFile {
+pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microscope) -> NamedBytes {
     let depth = |stage: f64, z: f64| fitted.direction * stage + z * depth_factor;
     let depths = fitted
         .particles
@@ -147,7 +147,7 @@ pub(super) fn round(value: f64, digits: i32) -> f64 {
 
 /// The model's images (16 bit) and the residuals in standard deviations (32-bit float), one page per plane;
 /// outside the windows, images show the background and residuals are 0.
-pub(super) fn images(problem: &Problem, state: &State) -> Result<[OutputFile; 2]> {
+pub(super) fn images(problem: &Problem, state: &State) -> Result<[NamedBytes; 2]> {
     let (width, height) = (problem.scan.width as u32, problem.scan.height as u32);
     let failed = |e: tiff::TiffError| Error::input(format!("image of the model: {e}"));
     let (mut model, mut residual) = (Cursor::new(Vec::new()), Cursor::new(Vec::new()));

@@ -4,7 +4,7 @@
 //! background are fitted by least squares, so that defocused images, in which a centroid is noisy, count too. The
 //! position of a particle is the same at all depths: what its images do there is part of the calibration.
 
-use fit::Symmetric;
+use microsig_core::linear::Symmetric;
 use tracking::{GrayImage, Spline};
 
 use super::particles::{MARGIN, ScanParticle};

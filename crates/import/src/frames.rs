@@ -107,7 +107,7 @@ impl Frames {
     }
 
     /// Puts the images into the folder: whole files as links or copies, pages of longer files and corrected
-    /// images as files of their own. Also writes the preview.
+    /// images as files of their own. Also writes the contact sheet.
     ///
     /// # Errors
     /// Images that cannot be read; writing.
@@ -121,7 +121,7 @@ impl Frames {
         folder.subfolder("images")?;
         let scale = PixelScale { frame_interval_s: options.dt_s, ..PixelScale::um_per_px(um_per_px) };
         let chosen = ContactSheet::chosen(self.len() as u32, self.pairs);
-        let (mut written, mut preview) = (Written::default(), ContactSheet::default());
+        let (mut written, mut sheet) = (Written::default(), ContactSheet::default());
         let mut saturated: Vec<String> = Vec::new();
         let bar = options.progress.images(self.len() as u64);
         let mut open: Option<(usize, Pages<BufReader<std::fs::File>>)> = None;
@@ -159,7 +159,7 @@ impl Frames {
             }
             let image = image(counts);
             if shown {
-                preview.add(frame as u32, &image);
+                sheet.add(frame as u32, &image);
             }
             if !is_kept {
                 let name = folder.join(&path).display().to_string();
@@ -169,7 +169,7 @@ impl Frames {
             bar.inc(1);
         }
         bar.finish();
-        preview.write(folder)?;
+        sheet.write(folder)?;
         written.warnings = saturation_warning(&saturated, self.len());
         Ok(written)
     }

@@ -78,7 +78,7 @@ pub struct ImportOptions {
     pub force: bool,
     /// Progress display.
     pub progress: Progress,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     pub context: Context,
 }
 
@@ -174,7 +174,7 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
 
     let partial = Partial::start(out)?;
     let folder = partial.folder();
-    warnings.extend(partial.warning());
+    partial.warning().into_iter().for_each(|text| options.progress.warn(text));
     let written = frames.write(folder, um_per_px, &correction, options)?;
     warnings.extend(written.warnings.iter().cloned());
     made.write(folder, um_per_px, model.as_ref())?;

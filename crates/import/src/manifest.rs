@@ -7,7 +7,7 @@ use dataset::manifest::{
 use dataset::{CalibrationRow, Row, Table};
 use serde_json::{Map, Value, json};
 use storage::checksums::fingerprint;
-use storage::error::Result;
+use storage::error::{Error, Result};
 use storage::folder::Partial;
 
 use super::ImportOptions;
@@ -54,6 +54,11 @@ pub(crate) fn seal(partial: &Partial, about: &About<'_>) -> Result<()> {
     let frames: std::collections::BTreeMap<String, u32> =
         (0..about.frames.len()).map(|frame| (about.frames.path(frame), frame as u32)).collect();
     complete(folder, &manifest(about), |path: &str| {
+        if !partial.lists(path) {
+            let path = folder.join(path);
+            let what = "microsig did not write it; move it elsewhere";
+            return Err(Error::input(format!("{}: {what}", path.display())));
+        }
         let found = fingerprint(&folder.join(path))?;
         let of = resource(path, &found, &tables);
         let Some(frame) = frames.get(path) else {

@@ -1,5 +1,5 @@
 //! Symmetric positive definite systems with up to a few hundred unknowns: Cholesky factorization, solution,
-//! inverse. Only the lower triangle of a matrix is read.
+//! inverse. The factorization reads the lower triangle only.
 
 /// A symmetric matrix, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,8 +35,8 @@ impl Symmetric {
         self.values[i * self.n + j] += value;
     }
 
-    /// The lower triangular Cholesky factor L, with A = L L^T; `None` if the matrix is not positive definite: if the
-    /// square of an element of the diagonal of L is not above `least` of that of A.
+    /// The lower triangular Cholesky factor L, with A = L L^T; `None` if the matrix is not positive definite:
+    /// if the square of an element of the diagonal of L is not above `least` of that of A.
     fn factor(&self, least: f64) -> Option<Vec<f64>> {
         let n = self.n;
         let mut l = self.values.clone();

@@ -25,7 +25,7 @@ pub struct Input {
 pub(super) struct Findings<'a> {
     /// Folder of the scenario, to which its paths are relative.
     folder: &'a Path,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     pub(super) context: &'a Context,
     pub(super) inputs: Vec<Input>,
     pub(super) problems: Problems,

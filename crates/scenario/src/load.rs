@@ -65,8 +65,8 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
     Ok(tree)
 }
 
-/// Reads and resolves the scenario in a file, or the shipped one of this name, after replacing values by assignments `path=value` and its seed
-/// by `seed`.
+/// Reads and resolves the scenario in a file, or the shipped one of this name, after replacing values by
+/// assignments `path=value` and its seed by `seed`. Its renderers keep their tables where `context` says.
 ///
 /// # Errors
 /// [`Error::Problems`] with all problems of text, assignments and values. Constraints between values are

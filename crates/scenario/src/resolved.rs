@@ -40,7 +40,7 @@ pub struct Scenario {
     pub settings: Settings,
     /// Renders particle images.
     pub renderer: Renderer,
-    /// What this renderer and others of the scenario work with.
+    /// Where it and other renderers of the scenario keep their tables.
     pub context: Context,
     /// The camera; `None` is MicroSIG's own sensor.
     pub detector: Option<Detector>,

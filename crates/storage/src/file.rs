@@ -66,8 +66,8 @@ enum Destination {
     Stream,
 }
 
-/// Checks that a result may be written to a path: it does not exist, it is a character device or
-/// pipe, or, with `force`, it is a regular file or a link to one.
+/// Checks that a result may be written to a path: it does not exist, it is a character device or pipe, or,
+/// with `force`, it is a regular file or a link to one.
 ///
 /// # Errors
 /// [`Error::Exists`] without `force`; a folder, a dangling link or another kind of device.

@@ -88,8 +88,8 @@ pub fn on_interrupt(end: impl Fn() + Send + 'static) {
 /// Exit code of an interrupted program, the shell convention for SIGINT.
 const EXIT_CODE: i32 = 130;
 
-/// Installs a handler that cleans up and exits on SIGINT, SIGTERM and SIGHUP (Ctrl-C on Windows); before it exits,
-/// it calls `report` with whether a run can be resumed.
+/// Installs a handler that cleans up and exits on SIGINT, SIGTERM and SIGHUP (Ctrl-C on Windows); before it
+/// exits, it calls `report` with whether a run can be resumed.
 ///
 /// # Errors
 /// A handler is already installed.

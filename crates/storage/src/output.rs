@@ -23,7 +23,8 @@ pub struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// A folder that exists and belongs to the user: without a journal, so that none of its files is ever removed.
+    /// A folder that exists and belongs to the user: without a journal, so that none of its files is ever
+    /// removed.
     pub fn existing(path: &Path) -> Self {
         OutputFolder { path: path.to_owned(), journal: None, within: String::new() }
     }
@@ -85,8 +86,8 @@ impl OutputFolder {
         file::save_private(&self.join(file), bytes)
     }
 
-    /// Puts a file of another folder here: as a hard link if `link` and if the file system has links between the
-    /// two places, as a copy otherwise. A symbolic link is followed.
+    /// Puts a file of another folder here: as a hard link if `link` and if the file system has links between
+    /// the two places, as a copy otherwise. A symbolic link is followed.
     ///
     /// # Errors
     /// An I/O error.
@@ -95,7 +96,8 @@ impl OutputFolder {
         file::place(from, &self.join(file), link)
     }
 
-    /// Creates a file that is written over a longer time: not atomically, so only in a folder under construction.
+    /// Creates a file that is written over a longer time: not atomically, so only in a folder under
+    /// construction.
     ///
     /// # Errors
     /// An I/O error.
@@ -114,8 +116,8 @@ impl OutputFolder {
         journal.finished(self.entry(file.as_ref()), fingerprint)
     }
 
-    /// Path of a folder in it that is written as one of its own, with a lock and a journal, such as a dataset: its
-    /// lock is recorded here, where it would remain if the process is killed.
+    /// Path of a folder in it that is written as one of its own, with a lock and a journal, such as a
+    /// dataset: its lock is recorded here, where it would remain if the process is killed.
     ///
     /// # Errors
     /// An I/O error.

@@ -1,5 +1,6 @@
-//! Files that a command is given: `-` is standard input or standard output, `./-` is a file of that name. Only
-//! [`InputFile::argument`] and [`OutputFile::argument`] give `-` this meaning; elsewhere it is a file like any other.
+//! Files that a command is given: `-` is standard input or standard output, `./-` is a file of that name.
+//! Only [`InputFile::argument`] and [`OutputFile::argument`] give `-` this meaning; elsewhere it is an
+//! ordinary file.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -24,7 +25,8 @@ pub struct InputFile {
     standard: Option<StandardInput>,
 }
 
-/// Standard input, kept in a file once it has been asked for, because readers need its size, and some read it twice.
+/// Standard input, kept in a file once it has been asked for, because readers need its size, and some read it
+/// twice. Of several arguments `-`, the first one that is read has all of it.
 type StandardInput = Arc<Mutex<Option<TemporaryFolder>>>;
 
 impl InputFile {
@@ -39,24 +41,31 @@ impl InputFile {
         self.standard.is_some()
     }
 
-    /// Opens the file as [`input::open`] does; standard input from its beginning, however often it is opened.
+    /// Path of a file with these contents, for readers of paths: of standard input, where it is kept.
     ///
     /// # Errors
-    /// As [`input::open`]; standard input that is too large or cannot be stored.
-    pub fn open(&self) -> Result<File> {
-        let Some(standard) = &self.standard else { return input::open(&self.path) };
+    /// As [`InputFile::open`].
+    pub fn file(&self) -> Result<PathBuf> {
+        let Some(standard) = &self.standard else { return Ok(self.path.clone()) };
         let mut standard = standard.lock().unwrap_or_else(PoisonError::into_inner);
-        let file = match standard.as_ref() {
-            Some(folder) => stored_in(folder),
+        match standard.as_ref() {
+            Some(folder) => Ok(stored_in(folder)),
             None => {
                 let folder = TemporaryFolder::new()?;
                 let file = stored_in(&folder);
                 store(std::io::stdin().lock(), &file, LARGEST)?;
                 *standard = Some(folder);
-                file
+                Ok(file)
             }
-        };
-        File::open(&file).map_err(|e| Error::read(&file, e))
+        }
+    }
+
+    /// Opens the file as [`input::open`] does; standard input from its beginning, however often it is opened.
+    ///
+    /// # Errors
+    /// As [`input::open`]; standard input that is too large or cannot be stored.
+    pub fn open(&self) -> Result<File> {
+        input::open(&self.file()?)
     }
 }
 

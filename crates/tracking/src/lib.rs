@@ -142,7 +142,7 @@ pub struct TrackOptions {
     pub shape: ParticleShape,
     /// Progress display.
     pub progress: Progress,
-    /// What the renderers of `mle` work with.
+    /// Where the renderers of `mle` keep their tables.
     pub context: Context,
 }
 

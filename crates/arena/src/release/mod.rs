@@ -91,7 +91,7 @@ pub struct ReleaseOptions {
     pub about: Publication,
     /// Progress display.
     pub progress: Progress,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     pub context: Context,
 }
 
@@ -148,6 +148,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let name = &train.scenario.spec.name;
 
     let partial = Partial::start(&options.out)?;
+    partial.warning().into_iter().for_each(|text| options.progress.warn(text));
     let (public, withheld) = (partial.folder().subfolder("public")?, partial.folder().subfolder("withheld")?);
     keep_private(withheld.path())?;
 

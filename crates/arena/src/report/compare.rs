@@ -56,11 +56,12 @@ pub fn compare(paths: &[InputFile], out: &Path, force: bool) -> Result<Compariso
     let earlier = Earlier::new("leaderboard.csv", force);
     check_replaceable(out, earlier)?;
     outside_datasets(out)?;
-    let Ranking { scores, entries, warnings, text } = ranking(named(paths)?)?;
+    let Ranking { scores, entries, mut warnings, text } = ranking(named(paths)?)?;
     let partial = Partial::start(out)?;
     partial.folder().save_bytes("leaderboard.csv", leaderboard_csv(&entries)?)?;
     partial.folder().save_bytes("curves.csv", curves_csv(&scores)?)?;
     partial.folder().save_bytes("leaderboard.html", page(&scores, &warnings)?)?;
+    warnings.extend(partial.warning().map(str::to_owned));
     partial.finish(earlier)?;
     Ok(Comparison { entries, warnings, out: out.to_owned(), text })
 }

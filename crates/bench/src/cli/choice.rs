@@ -1,4 +1,4 @@
-//! Options whose values are the variants of an enum of the libraries, such as a key of scenarios: names and descriptions come from the schema.
+//! Options whose values are the variants of an enum; names and descriptions come from its schema.
 
 use std::ffi::OsStr;
 use std::marker::PhantomData;
@@ -41,6 +41,13 @@ where
 pub trait Variants: JsonSchema + DeserializeOwned {}
 
 impl<T: JsonSchema + DeserializeOwned> Variants for T {}
+
+/// All variants.
+pub fn variants<T: Variants>() -> Vec<T> {
+    let named =
+        |value: PossibleValue| serde_json::from_value(Value::String(value.get_name().to_owned())).ok();
+    Choice::<T>::variants().into_iter().filter_map(named).collect()
+}
 
 /// The variant of this name.
 ///

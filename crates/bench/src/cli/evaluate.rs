@@ -27,7 +27,8 @@ use storage::error::{Error, Result};
 )]
 pub(super) struct Evaluate {
     /// The dataset's folder, or a truth table alone (canonical CSV)
-    dataset: PathBuf,
+    #[arg(value_parser = input())]
+    dataset: InputFile,
     /// A tracker's result (particles or a displacement field), or a submission to a challenge (a folder or
     /// zip archive)
     #[arg(value_parser = input())]
@@ -167,7 +168,7 @@ impl Evaluate {
         } else {
             (self.result.clone(), None)
         };
-        let evaluation = evaluate_files(&self.dataset, &result, &options)?;
+        let evaluation = evaluate_files(&self.dataset.file()?, &result, &options)?;
         let mut text = report::table(&evaluation.score);
         if let Some(out) = &self.out {
             for path in report::write(out, &evaluation, self.report, self.replace.force)? {
@@ -189,7 +190,7 @@ impl Evaluate {
     }
 
     fn validate(&self, given: Conventions, common: &Common) -> Result<()> {
-        let Checked { text, value, warnings } = checked(&self.dataset, &self.result, given)?;
+        let Checked { text, value, warnings } = checked(&self.dataset.file()?, &self.result, given)?;
         warn(&warnings, common);
         summarize(&text, &value, common)
     }

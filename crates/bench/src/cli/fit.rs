@@ -192,6 +192,7 @@ impl Fit {
         let earlier = Earlier::new("fit.json", self.replace.force);
         check_replaceable(&self.out, earlier)?;
         let partial = Partial::start(&self.out)?;
+        warn(partial.warning(), common);
         let spinner = progress(common).spinner("fit");
         let made = fit(&scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
         spinner.finish();
@@ -231,6 +232,7 @@ impl Fit {
         let earlier = Earlier::new("field.json", self.replace.force);
         check_replaceable(&self.out, earlier)?;
         let partial = Partial::start(&self.out)?;
+        warn(partial.warning(), common);
         let spinner = progress(common).spinner("fit");
         let made = fit_field(scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
         spinner.finish();

@@ -37,7 +37,7 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::sync::{Arc, PoisonError};
 
-pub use choice::{Variants, variant};
+pub use choice::{Variants, variant, variants};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::Context;
@@ -53,7 +53,7 @@ use storage::{clean_up_on_signals, file_size_limits_are_errors};
 
 /// What `--help` states after the options.
 const AFTER_HELP: &str = concat!(
-    "In place of a file that is no image, `-` is standard input or standard output. `microsig new --list` lists the scenarios, sweeps \
+    "In place of a file other than an image, `-` is standard input or standard output. `microsig new --list` lists the scenarios, sweeps \
 and suites that can be given by name.
 
 Environment variables:
@@ -102,7 +102,7 @@ struct Common {
     /// Who gets the output instead of a terminal.
     #[arg(skip)]
     caller: Option<Caller>,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     #[arg(skip)]
     context: Context,
 }
@@ -223,9 +223,12 @@ impl Cli {
             Error::input(text.trim_start_matches("error: "))
         };
         // The standard streams are those of the program: for it, `-` is a file like any other.
-        let is_dash = |argument: &&OsString| *argument == "-";
-        let arguments = arguments.iter().map(|argument| {
-            Some(argument).filter(is_dash).map_or_else(|| argument.clone(), |_| OsString::from("./-"))
+        let arguments = arguments.iter().map(|argument| match argument.to_str() {
+            Some("-") => OsString::from("./-"),
+            Some(text) if text.starts_with("--") && text.ends_with("=-") => {
+                OsString::from(text.replace("=-", "=./-"))
+            }
+            _ => argument.clone(),
         });
         let matches = command().try_get_matches_from(arguments).map_err(refused)?;
         let mut cli = Cli::from_arg_matches(&matches).map_err(refused)?;

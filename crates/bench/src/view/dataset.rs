@@ -29,7 +29,7 @@ const MAX_VECTORS: usize = 20_000;
 #[derive(Debug)]
 pub(super) struct OpenDataset {
     folder: PathBuf,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     context: Context,
     manifest: Manifest,
     /// Paths of the images, by frame.

@@ -26,7 +26,7 @@ pub struct Subject {
     pub axes: Vec<String>,
     /// The sweep's folder, if a sweep is shown.
     pub sweep: Option<PathBuf>,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     pub context: Context,
 }
 

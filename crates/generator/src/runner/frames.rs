@@ -67,7 +67,7 @@ pub(super) fn in_batches<T: Send>(
 }
 
 /// Computes, renders and writes all frames. Returns the counts for the manifest, the fingerprints of the
-/// files and the largest fraction of saturated pixels in a frame of the preview.
+/// files and the largest fraction of saturated pixels in a frame of the contact sheet.
 pub(super) fn write(
     partial: &Partial,
     scenario: &Scenario,
@@ -118,12 +118,12 @@ pub(super) fn write_taken(
     writer.finish(partial.folder())
 }
 
-/// Writes the frames to tables, ledger and preview, in order.
+/// Writes the frames to tables, ledger and contact sheet, in order.
 struct DatasetWriter {
     tables: TruthWriter,
     ledger: Ledger,
-    preview: ContactSheet,
-    /// Largest fraction of saturated pixels in a frame of the preview.
+    sheet: ContactSheet,
+    /// Largest fraction of saturated pixels in a frame of the contact sheet.
     saturated: f64,
     /// Saturation of the camera, counts.
     end_counts: f64,
@@ -134,7 +134,7 @@ impl DatasetWriter {
         Ok(DatasetWriter {
             tables: TruthWriter::create(folder, scenario)?,
             ledger: Ledger::new(),
-            preview: ContactSheet::default(),
+            sheet: ContactSheet::default(),
             saturated: 0.0,
             end_counts: scenario.sensor()?.saturation_counts(),
         })
@@ -145,14 +145,14 @@ impl DatasetWriter {
         self.tables.add(text)?;
         self.ledger.add_frame(&FrameEntry { visible: text.visible(), particles, image })?;
         if let Some(picture) = picture {
-            self.preview.add(index, &picture);
+            self.sheet.add(index, &picture);
             self.saturated = self.saturated.max(saturated_fraction(&picture, self.end_counts));
         }
         Ok(())
     }
 
     fn finish(mut self, folder: &OutputFolder) -> Result<(Census, Ledger, f64)> {
-        self.preview.write(folder)?;
+        self.sheet.write(folder)?;
         let census = self.tables.finish(&mut self.ledger)?;
         Ok((census, self.ledger, self.saturated))
     }
@@ -183,7 +183,7 @@ struct FrameFiles<'a> {
     before: &'a Listing,
     scenario: &'a Scenario,
     camera: &'a Camera,
-    /// Frames that are shown in the preview.
+    /// Frames that are on the contact sheet.
     shown: Vec<u32>,
     files: BufferPool<Vec<u8>>,
 }
@@ -192,7 +192,7 @@ struct FrameFiles<'a> {
 struct StoredFrame {
     particles: Fingerprint,
     image: Fingerprint,
-    /// The image itself, if the preview needs it.
+    /// The image itself, if the contact sheet needs it.
     picture: Option<Image>,
 }
 
@@ -209,7 +209,7 @@ impl<'a> FrameFiles<'a> {
     }
 
     /// Writes a frame's data file and its image. The image is not computed if an interrupted run has finished
-    /// it, unless the preview needs it.
+    /// it, unless the contact sheet needs it.
     fn store(&self, index: u32, rows: &[Particle], image: impl FnOnce() -> Image) -> Result<StoredFrame> {
         let wanted = self.shown.contains(&index);
         let stem = Stem::of(&self.scenario.recordings, index);

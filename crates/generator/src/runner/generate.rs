@@ -122,7 +122,7 @@ pub(super) fn assemble(
     options.progress.check()?;
     manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image, &sizes))?;
 
-    let (of_images, of_locks) = (camera.renderer().shortfall(), partial.warning());
+    let of_images = camera.renderer().shortfall();
     let implausible = plausibility::warnings(scenario, &census, &image, saturated)?;
     partial.finish_without_journal(Earlier::new(MANIFEST, options.force))?;
     Ok(Generated {
@@ -137,14 +137,7 @@ pub(super) fn assemble(
         }),
         seconds: 0.0,
         optics: preview::lines(&preview),
-        warnings: scenario
-            .warnings
-            .iter()
-            .cloned()
-            .chain(of_images)
-            .chain(of_locks)
-            .chain(implausible)
-            .collect(),
+        warnings: scenario.warnings.iter().cloned().chain(of_images).chain(implausible).collect(),
     })
 }
 
@@ -201,6 +194,7 @@ fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
 /// same sources. `None` if the dataset is to be resumed but is already finished.
 fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partial>> {
     let claim = FolderClaim::take(&options.out)?;
+    claim.warning().into_iter().for_each(|text| options.progress.warn(text));
     if options.resume && !options.force && is_finished(scenario, &options.out)? {
         return Ok(None);
     }

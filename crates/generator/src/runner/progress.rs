@@ -87,6 +87,13 @@ impl Progress {
         }
     }
 
+    /// Prints a warning on standard error, above the bars, also within a longer task.
+    pub fn warn(&self, text: &str) {
+        if !matches!(self, Progress::Hidden) {
+            let _ = BARS.suspend(|| writeln!(std::io::stderr().lock(), "warning: {text}"));
+        }
+    }
+
     /// Prints a note on standard error, above the bars.
     pub(crate) fn note(&self, text: &str) {
         if self.has_notes() {

@@ -35,7 +35,7 @@ pub struct RenderOptions {
     pub first_frame: u32,
     /// The renderer.
     pub renderer: RendererSpec,
-    /// What it works with.
+    /// Where it keeps its tables.
     pub context: Context,
     /// Whether noise is rounded on its own or after it is added to the image.
     pub rounding: NoiseRounding,
@@ -100,6 +100,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     // The path is canonicalized because `.` and links have no name that could be locked.
     let canonical = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
     let claim = FolderClaim::take(&canonical)?;
+    claim.warning().into_iter().for_each(|text| options.progress.warn(text));
     let (partial, _claim) = if options.out.exists() {
         if !options.out.is_dir() {
             return Err(Error::input(format!("{}: expected a folder", options.out.display())));
@@ -130,7 +131,6 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     })?;
     bar.finish();
     if let Some(partial) = partial {
-        warnings.extend(partial.warning());
         partial.finish_without_journal(Earlier::new(MANIFEST, false))?;
     }
     warnings.extend(camera.renderer().shortfall());

@@ -79,7 +79,7 @@ pub struct SuiteOptions {
     pub resume: bool,
     /// How progress is shown.
     pub progress: Progress,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     pub context: Context,
 }
 

@@ -39,7 +39,7 @@ pub struct SweepOptions {
     pub resume: bool,
     /// How progress is shown.
     pub progress: Progress,
-    /// What renderers work with.
+    /// Where renderers keep their tables.
     pub context: Context,
 }
 

@@ -34,7 +34,7 @@ pub struct EvaluateOptions {
     pub crlb: bool,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// What the renderer of the Cramer-Rao bound works with.
+    /// Where the renderer of the Cramer-Rao bound keeps its tables.
     pub context: Context,
 }
 

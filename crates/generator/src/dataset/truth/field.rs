@@ -4,7 +4,7 @@
 //! correlating images that contain particles at all depths: D = sum w(z) D(z) / sum w(z), D(z) the central
 //! displacement. The contribution of a particle to the correlation decreases with its blur; Olsen & Adrian
 //! (Exp. Fluids 29 (2000) S166) derive it for Gaussian images, where it is the squared peak. Here w is
-//! measured on noise-free images of the dataset's own optics ([`microsig_core::visibility::DepthScan`]): the squared
+//! measured on noise-free images of the dataset's own optics ([`DepthScan`]): the squared
 //! peak, or the curvature of the autocorrelation at its peak, times the square of the illumination at that
 //! depth. The number density is assumed to be uniform over depth.
 

@@ -30,10 +30,12 @@ const LARGE_PX: usize = 256;
 const EDGE_PX: f64 = 4.0;
 /// Maximum number of attempts with a wider edge.
 const MAX_ATTEMPTS: usize = 4;
-/// Fraction of the tolerance allowed for each spacing.
+/// Fraction of the tolerance allowed for each spacing. Of 60 particles in images of a 10x, a 20x and a 40x, the
+/// largest errors are 0.37 to 0.73 tolerances with 0.4, and up to 1.5 with 0.8.
 const PART: f64 = 0.4;
 /// Light below this fraction of the tolerance is not rendered: of spheres, and of points. Points are the
-/// emitters of spheroids, whose tails overlap.
+/// emitters of spheroids, whose tails overlap. For the same spheres, the median error is 0.2 tolerances with 0.25,
+/// 0.4 with 0.5, and 0.6 to 0.75 with 1.
 const CUT: f64 = 0.25;
 const CUT_OF_POINTS: f64 = 0.025;
 
