@@ -399,6 +399,8 @@ def test_shipped_scenarios_are_known_by_name(tmp_path, monkeypatch):
     for name in ("quickstart", "-"):
         Path(name).write_text(SMALL)
         assert ms.resolve(name)["name"] == ms.resolve(SMALL)["name"]
+    ms.export(ms.generate(SMALL), "-", format="trackpy", force=True)
+    assert Path("-").read_text().startswith("y,x,")
 
 
 def test_datasets_in_memory_are_not_pickled():
