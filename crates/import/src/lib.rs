@@ -174,7 +174,7 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
 
     let partial = Partial::start(out)?;
     let folder = partial.folder();
-    partial.warning().into_iter().for_each(|text| options.progress.warn(text));
+    options.progress.warn(partial.warning());
     let written = frames.write(folder, um_per_px, &correction, options)?;
     warnings.extend(written.warnings.iter().cloned());
     made.write(folder, um_per_px, model.as_ref())?;

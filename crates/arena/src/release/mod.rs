@@ -148,7 +148,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let name = &train.scenario.spec.name;
 
     let partial = Partial::start(&options.out)?;
-    partial.warning().into_iter().for_each(|text| options.progress.warn(text));
+    options.progress.warn(partial.warning());
     let (public, withheld) = (partial.folder().subfolder("public")?, partial.folder().subfolder("withheld")?);
     keep_private(withheld.path())?;
 

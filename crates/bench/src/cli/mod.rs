@@ -226,7 +226,7 @@ impl Cli {
         let arguments = arguments.iter().map(|argument| match argument.to_str() {
             Some("-") => OsString::from("./-"),
             Some(text) if text.starts_with("--") && text.ends_with("=-") => {
-                OsString::from(text.replace("=-", "=./-"))
+                OsString::from(format!("{}./-", &text[..text.len() - 1]))
             }
             _ => argument.clone(),
         });

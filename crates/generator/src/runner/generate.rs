@@ -194,7 +194,7 @@ fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
 /// same sources. `None` if the dataset is to be resumed but is already finished.
 fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partial>> {
     let claim = FolderClaim::take(&options.out)?;
-    claim.warning().into_iter().for_each(|text| options.progress.warn(text));
+    options.progress.warn(claim.warning());
     if options.resume && !options.force && is_finished(scenario, &options.out)? {
         return Ok(None);
     }

@@ -87,9 +87,9 @@ impl Progress {
         }
     }
 
-    /// Prints a warning on standard error, above the bars, also within a longer task.
-    pub fn warn(&self, text: &str) {
-        if !matches!(self, Progress::Hidden) {
+    /// Prints a warning, if there is one, on standard error, above the bars, also within a longer task.
+    pub fn warn(&self, text: Option<&str>) {
+        if let Some(text) = text.filter(|_| !matches!(self, Progress::Hidden)) {
             let _ = BARS.suspend(|| writeln!(std::io::stderr().lock(), "warning: {text}"));
         }
     }

@@ -100,7 +100,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     // The path is canonicalized because `.` and links have no name that could be locked.
     let canonical = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
     let claim = FolderClaim::take(&canonical)?;
-    claim.warning().into_iter().for_each(|text| options.progress.warn(text));
+    options.progress.warn(claim.warning());
     let (partial, _claim) = if options.out.exists() {
         if !options.out.is_dir() {
             return Err(Error::input(format!("{}: expected a folder", options.out.display())));
