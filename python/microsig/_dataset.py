@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import tempfile
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -101,7 +100,6 @@ class _Source(Protocol):
     def title(self) -> str: ...
     def warnings(self) -> list[str]: ...
     def save(self, out: Path, force: bool, show: _microsig._Show) -> None: ...
-    def folder(self) -> Path: ...
     def place(self) -> _microsig.Made | Path: ...
 
 
@@ -110,7 +108,6 @@ class _Memory:
 
     def __init__(self, made: _microsig.Made) -> None:
         self.made = made
-        self._place: tempfile.TemporaryDirectory[str] | None = None
 
     @cached_property
     def _images(self) -> Images:
@@ -162,14 +159,6 @@ class _Memory:
 
     def save(self, out: Path, force: bool, show: _microsig._Show) -> None:
         self.made.save(out, force, show)
-
-    def folder(self) -> Path:
-        """A temporary folder with the dataset, which is removed with this object."""
-        if self._place is None:
-            place = tempfile.TemporaryDirectory(prefix="microsig-")
-            self.made.save(Path(place.name) / "dataset", False, False)
-            self._place = place
-        return Path(self._place.name) / "dataset"
 
     def place(self) -> _microsig.Made:
         return self.made
@@ -271,9 +260,6 @@ class _Folder:
 
     def save(self, out: Path, force: bool, show: _microsig._Show) -> None:
         _microsig.copy_dataset(self._folder, out, force)
-
-    def folder(self) -> Path:
-        return self._folder
 
     def place(self) -> Path:
         return self._folder
@@ -425,7 +411,7 @@ class Dataset:
     @property
     def path(self) -> Path | None:
         """The folder of a dataset on disk, None in memory."""
-        return self._source.folder() if isinstance(self._source, _Folder) else None
+        return self._source.place() if isinstance(self._source, _Folder) else None
 
     def save(self, path: str | os.PathLike[str] | None = None, *, force: bool = False, progress: Progress = False) -> Path:
         """Write the dataset to a folder, with bytes identical to ``microsig generate``.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Ahead",
+    "FittedMicroscope",
     "FlowField",
     "IMPORT_RANGES",
     "Made",
@@ -17,7 +18,6 @@ __all__ = [
     "Samples",
     "Scored",
     "SweepCases",
-    "TRACK_RANGES",
     "__version__",
     "arrow_stream",
     "call",
@@ -25,8 +25,10 @@ __all__ = [
     "compare",
     "copy_dataset",
     "evaluate",
+    "export",
     "field",
     "fields",
+    "fit_scan",
     "generate",
     "image_size",
     "import_recording",
@@ -98,6 +100,14 @@ class Made:
     def save(self, out: str | os.PathLike[str], force: bool, show: _Show) -> None: ...
 
 @final
+class FittedMicroscope:
+    def result(self) -> dict[str, Any]: ...
+    def text(self) -> str: ...
+    def warnings(self) -> list[str]: ...
+    def file(self, name: str) -> str: ...
+    def save(self, out: Path, force: bool) -> None: ...
+
+@final
 class Scored:
     def scores(self) -> dict[str, Any]: ...
     def json(self) -> str: ...
@@ -139,7 +149,6 @@ class Labels(TypedDict):
     heatmap_sigma_px: float
 
 PARTICLE_COLUMNS: list[str]
-TRACK_RANGES: dict[str, tuple[float, float]]
 IMPORT_RANGES: dict[str, tuple[float, float]]
 
 def render(
@@ -162,13 +171,30 @@ def evaluate(
 ) -> Scored: ...
 def compare(scores: list[tuple[str, Scored]]) -> tuple[list[dict[str, Any]], list[str], str]: ...
 def import_recording(out: Path, how: dict[str, Any], show: _Show) -> list[str]: ...
+def export(
+    dataset: Made | str | os.PathLike[str],
+    out: Path,
+    format: str,
+    images: str,
+    stack: str | None,
+    pair: int | None,
+    displacement: str,
+    force: bool,
+) -> None: ...
+def fit_scan(
+    scan: Path | NDArray[Any],
+    z: Path | list[float] | None,
+    how: dict[str, Any],
+    out: tuple[Path, bool] | None,
+    show: _Show,
+) -> FittedMicroscope: ...
 def track(
-    dataset: str | os.PathLike[str],
+    dataset: Made | str | os.PathLike[str],
     method: str,
     max_displacement_px: float,
     diameter_px: float,
-    noise_px: float,
-    noise_um: float,
+    noise_xy_px: float,
+    noise_z_um: float,
     ensemble: bool,
     spheroids: bool,
     aspect_ratio: float | str,

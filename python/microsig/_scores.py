@@ -164,8 +164,8 @@ def _given(result: Any) -> list[tuple[str, NDArray[Any] | list[str]]]:
     return columns
 
 
-def _folder(dataset: Dataset | str | os.PathLike[str]) -> Path:
-    return dataset._source.folder() if isinstance(dataset, Dataset) else Path(dataset)
+def _place(dataset: Dataset | str | os.PathLike[str]) -> _microsig.Made | Path:
+    return dataset._source.place() if isinstance(dataset, Dataset) else Path(dataset)
 
 
 def evaluate(
@@ -220,24 +220,23 @@ def evaluate(
         # The compiled part knows the names.
         "format": None if format is None else str(format),
         "gate": optional(one_of, "gate", gate, ("radial", "ellipsoid", "box")),
-        "gate_xy_px": optional(real, "gate_xy_px", gate_xy_px, 1e-6, 1e9),
-        "gate_z_um": optional(real, "gate_z_um", gate_z_um, 1e-6, 1e9),
+        "gate_xy_px": optional(real, "gate_xy_px", gate_xy_px),
+        "gate_z_um": optional(real, "gate_z_um", gate_z_um),
         "dims": optional(one_of, "dims", dims, (2, 3)),
-        "isbi_gate_px": optional(real, "isbi_gate_px", isbi_gate_px, 1e-6, 1e9),
-        "border_px": real("border_px", border_px, 0, 1e7),
+        "isbi_gate_px": optional(real, "isbi_gate_px", isbi_gate_px),
+        "border_px": real("border_px", border_px),
         "origin": optional(one_of, "origin", origin, ("center1", "center0", "corner0")),
         "y_up": None if y is None else one_of("y", y, ("down", "up")) == "up",
         "frame_base": optional(whole, "frame_base", frame_base, -(2**31), 2**31),
-        "um_per_px": optional(real, "um_per_px", um_per_px, 1e-6, 1e6),
-        "depth_um": optional(interval, "depth_um", depth_um, 1e9),
-        "plane_um": optional(real, "plane_um", plane_um, -1e9, 1e9),
+        "um_per_px": optional(real, "um_per_px", um_per_px),
+        "depth_um": optional(interval, "depth_um", depth_um),
+        "plane_um": optional(real, "plane_um", plane_um),
         "auto_offset": flag("auto_offset", auto_offset),
         "crlb": flag("crlb", crlb),
         "seed": whole("seed", seed, 0, LAST_SEED),
     }
-    place = dataset._source.place() if isinstance(dataset, Dataset) else Path(dataset)
     given = Path(result) if isinstance(result, (str, os.PathLike)) else _given(result)
-    return Scores(_microsig.evaluate(place, given, how))
+    return Scores(_microsig.evaluate(_place(dataset), given, how))
 
 
 def methods() -> dict[str, str]:
@@ -251,8 +250,8 @@ def track(
     *,
     max_displacement_px: float = 15.0,
     diameter_px: float = 3.0,
-    noise_px: float = 0.1,
-    noise_um: float = 1.0,
+    noise_xy_px: float = 0.1,
+    noise_z_um: float = 1.0,
     ensemble: bool = False,
     shape: Literal["sphere", "spheroid"] = "sphere",
     aspect_ratio: float | Literal["common", "each"] | None = None,
@@ -261,14 +260,12 @@ def track(
 ) -> Table:
     """The result of a baseline tracker, as of ``microsig track``.
 
-    A dataset in memory is written once to a temporary folder for this.
-
     :param dataset: a dataset or its folder
     :param method: one of :func:`methods`
     :param max_displacement_px: largest displacement from frame to frame, px
     :param diameter_px: diameter of a particle image (``spots``), px
-    :param noise_px: standard deviation of the noise in x and y (``truth-noise``), px
-    :param noise_um: the same in z, um
+    :param noise_xy_px: standard deviation of the noise in x and y (``truth-noise``), px
+    :param noise_z_um: the same in z, um
     :param ensemble: one field for all pairs of a steady flow (``piv``)
     :param shape: ``spheroid``: also measure the axis (``ncc``, ``mle``)
     :param aspect_ratio: polar over equatorial diameter of spheroids: 0.1 to 10; ``common`` (as if None), measured by the
@@ -281,23 +278,20 @@ def track(
     :raises TypeError: an option of another kind
     """
     method = one_of("method", method, tuple(methods()))
-    ranges = _microsig.TRACK_RANGES
     options = (
-        real("max_displacement_px", max_displacement_px, *ranges["max_displacement_px"]),
-        real("diameter_px", diameter_px, *ranges["diameter_px"]),
-        real("noise_px", noise_px, *ranges["noise_px"]),
-        real("noise_um", noise_um, *ranges["noise_um"]),
+        real("max_displacement_px", max_displacement_px),
+        real("diameter_px", diameter_px),
+        real("noise_xy_px", noise_xy_px),
+        real("noise_z_um", noise_z_um),
         flag("ensemble", ensemble),
         one_of("shape", shape, ("sphere", "spheroid")) == "spheroid",
         _aspect(aspect_ratio),
         whole("seed", seed, 0, LAST_SEED),
         shown(progress),
     )
-    if ensemble and method != "piv":
-        raise ValueError(f"ensemble: expected with method = 'piv', not {method!r}")
     if aspect_ratio is not None and shape != "spheroid":
         raise ValueError("aspect_ratio: expected with shape = 'spheroid'")
-    columns, warned = _microsig.track(_folder(dataset), method, *options)
+    columns, warned = _microsig.track(_place(dataset), method, *options)
     for warning in warned:
         warnings.warn(warning, stacklevel=2)
     return Table(columns, name=f"result of {method}")
@@ -306,7 +300,7 @@ def track(
 def _aspect(ratio: object) -> float | str:
     if ratio is None or isinstance(ratio, str):
         return one_of("aspect_ratio", "common" if ratio is None else ratio, ("common", "each"))
-    return real("aspect_ratio", ratio, *_microsig.TRACK_RANGES["aspect_ratio"])
+    return real("aspect_ratio", ratio)
 
 
 class Comparison:

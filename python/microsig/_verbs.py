@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import datetime
 import os
-import re
-import tempfile
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _microsig, _scenario
-from ._arguments import LAST_SEED, flag, one_of, optional, real, whole
+from ._arguments import LAST_SEED, flag, floats, one_of, optional, real, whole
 from ._dataset import Calibration, Dataset
 from ._progress import Progress, shown
 from ._scenario import Scenario
@@ -25,21 +23,20 @@ _Path = str | os.PathLike[str]
 
 
 class Options:
-    """Options of a verb of the command by the names of the arguments of a Python function."""
+    """Options of a verb of the command by the names of the arguments of a Python function, which are the same but for dashes."""
 
     def __init__(self, *verbs: str) -> None:
         self._words = ["microsig", *verbs]
-        self._names: dict[str, str] = {}
 
-    def add(self, name: str, option: str, value: Any) -> Options:
-        """``--option value``, for the argument ``name``; nothing for None and False, one option for each of a list."""
-        self._names[option] = name
+    def add(self, name: str, value: Any) -> Options:
+        """The option of this argument; nothing for None and False, one option for each of a list."""
+        option = "--" + name.replace("_", "-")
         if value is True:
-            self._words.append(f"--{option}")
+            self._words.append(option)
         elif value is not None and value is not False:
             for one in [value] if isinstance(value, (str, os.PathLike, int, float)) else value:
                 text = repr(float(one)) if isinstance(one, float) else os.fspath(one) if isinstance(one, os.PathLike) else str(one)
-                self._words.append(f"--{option}={text}")
+                self._words.append(f"{option}={text}")
         return self
 
     def call(self, *paths: _Path, progress: Progress = False, must_hold: bool = True) -> tuple[Any, str]:
@@ -48,30 +45,21 @@ class Options:
         :param must_hold: whether a check that failed raises ValueError; otherwise it is a warning
         """
         words = [*self._words, "--", *(os.fspath(path) for path in paths)]
-        try:
-            result, text, warned, failed = _microsig.call(words, shown(progress))
-        except (ValueError, FileExistsError) as error:
-            raise type(error)(self._in_python(str(error))) from None
+        result, text, warned, failed = _microsig.call(words, shown(progress))
         if failed and must_hold:
             raise ValueError("\n".join(failed))
         for warning in [*warned, *failed]:
-            warnings.warn(self._in_python(warning), stacklevel=3)
+            warnings.warn(warning, stacklevel=3)
         return result, text
-
-    def _in_python(self, message: str) -> str:
-        """A message with the names of arguments in place of options, the longest first."""
-        for option in sorted(self._names, key=len, reverse=True):
-            # Not in the middle of a path.
-            message = re.sub(rf"(?<![\w./-])--{option}(?![\w-])", self._names[option], message)
-        return message
 
 
 class Fit:
     """The settings of a microscope, fitted to its calibration scan; made by :func:`fit`."""
 
-    def __init__(self, result: dict[str, Any], text: str, folder: Path, place: Any) -> None:
+    def __init__(self, made: _microsig.FittedMicroscope, path: Path | None) -> None:
         """Use :func:`fit`."""
-        self._result, self._text, self._folder, self._place = result, text, folder, place
+        self._made, self._path = made, path
+        self._result: dict[str, Any] = made.result()
 
     @property
     def parameters(self) -> Table:
@@ -92,65 +80,61 @@ class Fit:
         return float(table["value"][found[0]])
 
     @property
-    def scenario(self) -> Path:
-        """The file of a scenario of the fitted microscope, for :func:`generate`: its digital twin."""
-        return self._folder / "scenario.ron"
+    def scenario(self) -> str:
+        """A scenario of the fitted microscope (RON), for :func:`generate`: its digital twin."""
+        return self._made.file("scenario.ron")
 
     @property
     def settings_text(self) -> str:
         """MicroSIG's settings file of the fitted microscope, for :func:`render`."""
-        return (self._folder / "settings.txt").read_text(encoding="utf-8")
+        return self._made.file("settings.txt")
 
     @property
-    def path(self) -> Path:
-        """The folder with report, settings, scenario and images of the model; temporary unless ``out`` was given."""
-        return self._folder
+    def path(self) -> Path | None:
+        """The folder that :func:`fit` or :meth:`save` wrote; None if there is none."""
+        return self._path
+
+    def save(self, path: _Path, *, force: bool = False) -> Path:
+        """Write report, settings, scenario and images of the model, as ``microsig fit`` does.
+
+        :param path: the new folder
+        :param force: replace an earlier fit
+        :returns: the folder
+        :raises FileExistsError: the folder exists
+        :raises OSError: writing failed
+        """
+        self._made.save(Path(path), flag("force", force))
+        self._path = Path(path)
+        return self._path
 
     def to_dict(self) -> dict[str, Any]:
         """The whole result, as in ``fit.json`` or ``field.json``."""
         return self._result
 
     def __repr__(self) -> str:
-        return self._text
+        return self._made.text()
 
     def _repr_html_(self) -> str:
         from html import escape
 
-        return f"<pre>{escape(self._text)}</pre>"
+        return f"<pre>{escape(repr(self))}</pre>"
 
 
-def _scan(scan: Any, folder: Path, um_per_px: float, z: Any, z_step_um: Any) -> tuple[Path, Path | None]:
-    """A scan as files: images and, unless they have them, stage positions."""
+def _scan(scan: Any, z: Any) -> tuple[Path | NDArray[Any], Path | list[float] | None]:
+    """Images and, unless they have them, stage positions."""
     if isinstance(scan, Calibration):
         if scan.d_um is not None and len(np.unique(scan.d_um)) > 1:
             raise ValueError("scan: of several sizes of particles; expected one, as calibration.of_size(d_um)")
         scan, z = scan.images, scan.z_um if z is None else z
+    if z is not None and not isinstance(z, (str, os.PathLike)):
+        z = np.asarray(z, dtype=float).tolist()
+    positions = Path(z) if isinstance(z, (str, os.PathLike)) else z
     if isinstance(scan, (str, os.PathLike)):
-        path = Path(scan)
-    else:
-        images = _images("scan", scan)
-        if z is None and z_step_um is None:
-            raise ValueError("scan: stage positions of an array are unknown; give z or z_step_um")
-        if z is None or isinstance(z, (str, os.PathLike)):
-            # Not read: `z` or `z_step_um` is given to the fit.
-            depths = np.arange(len(images), dtype=float)
-        else:
-            depths = np.asarray(z, dtype=float)
-        path = folder / "scan.tif"
-        _microsig.write_stack(path, images, um_per_px, depths.tolist(), False, "scan")
-    if z is None or isinstance(z, (str, os.PathLike)):
-        return path, None if z is None else Path(z)
-    table = folder / "z.csv"
-    rows = "".join(f"{page},{float(depth)!r}\n" for page, depth in enumerate(np.asarray(z, dtype=float)))
-    table.write_text("page,z_um\n" + rows, encoding="utf-8")
-    return path, table
-
-
-def _images(name: str, images: Any) -> NDArray[Any]:
-    array = np.asarray(images)
-    if array.ndim != 3 or array.dtype not in (np.uint8, np.uint16, np.float32):
-        raise ValueError(f"{name} of shape {array.shape} and type {array.dtype}: expected uint8, uint16 or float32 (steps, rows, columns)")
-    return np.ascontiguousarray(array.astype(np.uint16) if array.dtype == np.uint8 else array)
+        return Path(scan), positions
+    array = np.asarray(scan)
+    if array.ndim != 3 or array.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"scan of shape {array.shape} and type {array.dtype}: expected uint8 or uint16 (steps, rows, columns)")
+    return np.ascontiguousarray(array), positions
 
 
 def fit(
@@ -165,7 +149,7 @@ def fit(
     depth_factor: float = 1.0,
     medium: float = 1.0,
     diameter_um: float | None = None,
-    particles: _Path | None = None,
+    particles: _Path | ArrayLike | None = None,
     astigmatic: Literal["auto", "yes", "no"] = "auto",
     flux: Literal["free", "model"] = "free",
     free: Sequence[str] = (),
@@ -190,8 +174,7 @@ def fit(
 
     :param scan: a TIFF file of pages (ImageJ's and OME's state their z step), a folder of TIFF files, the
         :attr:`Dataset.calibration` of a dataset, or an array (steps, rows, columns) of uint8 or uint16 counts
-    :param out: folder for report, settings, scenario and images of the model; by default a temporary one, which is removed
-        with the result
+    :param out: folder for report, settings, scenario and images of the model; by default nothing is written
     :param magnification: magnification of the microscope
     :param pixel_size_um: edge of a pixel on the sensor, um
     :param z: stage positions: a CSV file with ``page`` (from 0) or ``image``, and ``z_um``; or an array (steps,), um
@@ -200,7 +183,8 @@ def fit(
     :param depth_factor: physical depth over depth in the model
     :param medium: refractive index of the medium in the model
     :param diameter_um: particle diameter, um; fitted if None
-    :param particles: CSV file with ``x_px`` and ``y_px`` of the particles to use; detected if None
+    :param particles: positions of the particles to use: a CSV file with ``x_px`` and ``y_px``, or an array (particles, 2),
+        with the first pixel's center at (1, 1); detected if None
     :param astigmatic: whether the microscope has a cylindrical lens
     :param flux: brightness of each plane: fitted, or as the model predicts
     :param free: additional quantities to fit
@@ -222,45 +206,51 @@ def fit(
     :raises FileExistsError: ``out`` exists
     :raises OSError: a file cannot be read or written
     """
-    magnification = real("magnification", magnification)
-    pixel_size_um = real("pixel_size_um", pixel_size_um)
-    place = tempfile.TemporaryDirectory(prefix="microsig-")
-    um_per_px = pixel_size_um / magnification if magnification > 0 else 1.0
-    images, positions = _scan(scan, Path(place.name), um_per_px, z, z_step_um)
-    folder = Path(place.name) / "fit" if out is None else Path(out)
+    images, positions = _scan(scan, z)
     if positions is not None and z_step_um is not None:
         raise ValueError("z and z_step_um: expected one of them")
-    text = None if planes is None else "{}-{}".format(*(whole("planes", plane) for plane in planes))
-    options = (
-        Options("fit")
-        .add("magnification", "magnification", magnification)
-        .add("pixel_size_um", "pixel-size", pixel_size_um)
-        .add("z", "z", positions)
-        .add("z_step_um", "z-step", optional(real, "z_step_um", z_step_um))
-        .add("z_direction", "z-direction", one_of("z_direction", z_direction, ("auto", "away", "toward")))
-        .add("depth_factor", "depth-factor", real("depth_factor", depth_factor))
-        .add("medium", "medium", real("medium", medium))
-        .add("diameter_um", "diameter", optional(real, "diameter_um", diameter_um))
-        .add("particles", "particles", particles)
-        .add("astigmatic", "astigmatic", one_of("astigmatic", astigmatic, ("auto", "yes", "no")))
-        .add("flux", "flux", one_of("flux", flux, ("free", "model")))
-        .add("free", "free", ",".join(map(str, free)) or None)
-        .add("model", "model", one_of("model", model, ("geometric", "waves")))
-        .add("wavelength_um", "wavelength", optional(real, "wavelength_um", wavelength_um))
-        .add("emission", "emission", one_of("emission", emission, ("surface", "volume")))
-        .add("lens", "lens", one_of("lens", lens, ("aplanatic", "microsig")))
-        .add("fluid", "fluid", optional(real, "fluid", fluid))
-        .add("fluid_depth_um", "fluid-depth", optional(real, "fluid_depth_um", fluid_depth_um))
-        .add("field", "field", flag("field", field))
-        .add("planes", "planes", text)
-        .add("window_px", "window", optional(whole, "window_px", window_px))
-        .add("bootstrap", "bootstrap", whole("bootstrap", bootstrap))
-        .add("seed", "seed", whole("seed", seed, 0, LAST_SEED))
-        .add("force", "force", flag("force", force))
-        .add("out", "out", folder)
-    )
-    result, told = options.call(images, progress=progress, must_hold=False)
-    return Fit(result, told, folder, place if out is None else None)
+    wavelength_um = optional(real, "wavelength_um", wavelength_um)
+    if (one_of("model", model, ("geometric", "waves")) == "waves") != (wavelength_um is not None):
+        raise ValueError('wavelength_um: expected with model="waves", and only there')
+    for name, value, needs in (("fluid", fluid, wavelength_um), ("fluid_depth_um", fluid_depth_um, fluid)):
+        if value is not None and needs is None:
+            raise ValueError(f"{name}: expected with {'fluid' if name == 'fluid_depth_um' else 'model=' + repr('waves')}")
+    if particles is not None and not isinstance(particles, (str, os.PathLike)):
+        places = floats("particles", particles)
+        if places.ndim != 2 or places.shape[1] != 2:
+            raise ValueError(f"particles of shape {places.shape}: expected (particles, 2)")
+        given: Path | list[list[float]] | None = places.tolist()
+    else:
+        given = None if particles is None else Path(particles)
+    how = {
+        "magnification": real("magnification", magnification),
+        "pixel_size_um": real("pixel_size_um", pixel_size_um),
+        "z_step_um": optional(real, "z_step_um", z_step_um),
+        "direction": {"auto": None, "away": 1.0, "toward": -1.0}[one_of("z_direction", z_direction, ("auto", "away", "toward"))],
+        "depth_factor": real("depth_factor", depth_factor),
+        "medium": real("medium", medium),
+        "diameter_um": optional(real, "diameter_um", diameter_um),
+        "particles": given,
+        "astigmatic": {"auto": None, "yes": True, "no": False}[one_of("astigmatic", astigmatic, ("auto", "yes", "no"))],
+        "free_flux": one_of("flux", flux, ("free", "model")) == "free",
+        "free": [str(name) for name in free],
+        "wavelength_um": wavelength_um,
+        "emission": one_of("emission", emission, ("surface", "volume")),
+        "lens": one_of("lens", lens, ("aplanatic", "microsig")),
+        "fluid": optional(real, "fluid", fluid),
+        "fluid_depth_um": optional(real, "fluid_depth_um", fluid_depth_um),
+        "field": flag("field", field),
+        "planes": None if planes is None else tuple(whole("planes", plane) for plane in planes),
+        "window_px": optional(whole, "window_px", window_px, 7, 129),
+        "bootstrap": whole("bootstrap", bootstrap, 0, 10_000),
+        "seed": whole("seed", seed, 0, LAST_SEED),
+    }
+    place = None if out is None else Path(out)
+    into = None if place is None else (place, flag("force", force))
+    made = _microsig.fit_scan(images, positions, how, into, shown(progress))
+    for warning in made.warnings():
+        warnings.warn(warning, stacklevel=2)
+    return Fit(made, place)
 
 
 class Optics:
@@ -318,7 +308,15 @@ def optics(scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] |
 
 
 def _folder(dataset: Dataset | _Path) -> Path:
-    return dataset._source.folder() if isinstance(dataset, Dataset) else Path(dataset)
+    """The folder of a dataset.
+
+    :raises ValueError: a dataset in memory
+    """
+    if not isinstance(dataset, Dataset):
+        return Path(dataset)
+    if dataset.path is None:
+        raise ValueError("dataset: expected one in a folder; save() writes one that is in memory")
+    return dataset.path
 
 
 def export(
@@ -347,17 +345,16 @@ def export(
     :raises FileExistsError: the file exists
     :raises OSError: a file cannot be read or written
     """
-    options = (
-        Options("export")
-        .add("format", "format", str(format))
-        .add("images", "images", one_of("images", images, ("frames", "calibration")))
-        .add("stack", "stack", None if stack is None else str(stack))
-        .add("pair", "pair", optional(whole, "pair", pair))
-        .add("displacement", "displacement", one_of("displacement", displacement, ("central", "forward", "weighted")))
-        .add("force", "force", flag("force", force))
-        .add("out", "out", Path(out))
+    _microsig.export(
+        dataset._source.place() if isinstance(dataset, Dataset) else Path(dataset),
+        Path(out),
+        str(format),
+        one_of("images", images, ("frames", "calibration")),
+        None if stack is None else str(stack),
+        optional(whole, "pair", pair, 0, 2**32 - 1),
+        one_of("displacement", displacement, ("central", "forward", "weighted")),
+        flag("force", force),
     )
-    options.call(_folder(dataset))
     return Path(out)
 
 
@@ -376,7 +373,7 @@ def release(
     creators: Iterable[str] = (),
     deadline: datetime.date | str | None = None,
     after: _Path | None = None,
-    version: str | None = None,
+    release_version: str | None = None,
     resume: bool = False,
     force: bool = False,
     new_keys: bool = False,
@@ -397,7 +394,7 @@ def release(
     :param creators: authors, as ``Family, Given`` or names of groups
     :param deadline: last day for submissions, a date or text such as ``2027-03-01``
     :param after: the release of the round before: this one has another secret key and lists the earlier rounds
-    :param version: version of the challenge, by default 1.0.0, in later rounds 2.0.0, ...
+    :param release_version: version of the challenge, by default 1.0.0, in later rounds 2.0.0, ...
     :param resume: leave a finished challenge of this dataset unchanged
     :param force: with ``new_keys``, replace a challenge
     :param new_keys: draw a new secret key, which invalidates everything published of an earlier challenge
@@ -410,22 +407,22 @@ def release(
     values = [f"{path}={_scenario._value(value)}" for path, value in (test_set or {}).items()]
     options = (
         Options("release")
-        .add("val", "val", optional(whole, "val", val))
-        .add("test", "test", optional(whole, "test", test))
-        .add("test_set", "test-set", values)
-        .add("exact_times", "exact-times", flag("exact_times", exact_times))
-        .add("fields", "fields", flag("fields", fields))
-        .add("codabench", "codabench", flag("codabench", codabench))
-        .add("wheel", "wheel", wheel)
-        .add("title", "title", title)
-        .add("creators", "creator", [str(name) for name in creators])
-        .add("deadline", "deadline", None if deadline is None else str(deadline))
-        .add("after", "after", after)
-        .add("version", "release-version", None if version is None else str(version))
-        .add("resume", "resume", flag("resume", resume))
-        .add("force", "force", flag("force", force))
-        .add("new_keys", "new-keys", flag("new_keys", new_keys))
-        .add("out", "out", Path(out))
+        .add("val", optional(whole, "val", val))
+        .add("test", optional(whole, "test", test))
+        .add("test_set", values)
+        .add("exact_times", flag("exact_times", exact_times))
+        .add("fields", flag("fields", fields))
+        .add("codabench", flag("codabench", codabench))
+        .add("wheel", wheel)
+        .add("title", title)
+        .add("creator", [str(name) for name in creators])
+        .add("deadline", None if deadline is None else str(deadline))
+        .add("after", after)
+        .add("release_version", None if release_version is None else str(release_version))
+        .add("resume", flag("resume", resume))
+        .add("force", flag("force", force))
+        .add("new_keys", flag("new_keys", new_keys))
+        .add("out", Path(out))
     )
     result: dict[str, Any] = options.call(_folder(dataset), progress=progress)[0]
     return result
@@ -445,9 +442,9 @@ def reveal(challenge: _Path, out: _Path, *, early: bool = False, force: bool = F
     """
     options = (
         Options("reveal")
-        .add("early", "early", flag("early", early))
-        .add("force", "force", flag("force", force))
-        .add("out", "out", Path(out))
+        .add("early", flag("early", early))
+        .add("force", flag("force", force))
+        .add("out", Path(out))
     )
     result: dict[str, Any] = options.call(Path(challenge))[0]
     return result
@@ -463,6 +460,6 @@ def verify(dataset: Dataset | _Path, *, regenerate: bool = False, progress: Prog
     :raises ValueError: not a dataset, or checks that failed, all of them
     :raises OSError: a file cannot be read
     """
-    options = Options("verify").add("regenerate", "regenerate", flag("regenerate", regenerate))
+    options = Options("verify").add("regenerate", flag("regenerate", regenerate))
     result: dict[str, Any] = options.call(_folder(dataset), progress=progress)[0]
     return result

@@ -27,8 +27,8 @@ def _size(size: str) -> str:
 
 
 def _selected(options: Options, track: str | None, case: str | None, split: str | None = None) -> Options:
-    options.add("track", "track", track).add("case", "case", case)
-    return options.add("split", "split", None if split is None else one_of("split", split, ("train", "val", "test")))
+    options.add("track", track).add("case", case)
+    return options.add("split", None if split is None else one_of("split", split, ("train", "val", "test")))
 
 
 def list(suite: _Path, *, size: _Size = "full") -> dict[str, Any]:
@@ -37,7 +37,7 @@ def list(suite: _Path, *, size: _Size = "full") -> dict[str, Any]:
     :returns: ``suite``, ``version``, ``size``, ``tracks`` with their gates (px, um), scores that rank, and ``cases``
     :raises ValueError: no such suite
     """
-    result: dict[str, Any] = Options("suite", "list").add("size", "size", _size(size)).call(suite)[0]
+    result: dict[str, Any] = Options("suite", "list").add("size", _size(size)).call(suite)[0]
     return result
 
 
@@ -64,9 +64,9 @@ def generate(
     :raises FileExistsError: the folder exists
     :raises OSError: a file cannot be written
     """
-    options = _selected(Options("suite", "generate").add("size", "size", _size(size)), track, case, split)
-    options.add("resume", "resume", flag("resume", resume)).add("force", "force", flag("force", force))
-    result: dict[str, Any] = options.add("out", "out", Path(out)).call(suite, progress=progress)[0]
+    options = _selected(Options("suite", "generate").add("size", _size(size)), track, case, split)
+    options.add("resume", flag("resume", resume)).add("force", flag("force", force))
+    result: dict[str, Any] = options.add("out", Path(out)).call(suite, progress=progress)[0]
     return result
 
 
@@ -88,8 +88,8 @@ def check(
     :raises ValueError: no such suite; datasets that differ, all of them
     :raises OSError: a file cannot be read
     """
-    options = _selected(Options("suite", "check").add("size", "size", _size(size)), track, case, split)
-    options.add("datasets", "datasets", None if datasets is None else Path(datasets))
+    options = _selected(Options("suite", "check").add("size", _size(size)), track, case, split)
+    options.add("datasets", None if datasets is None else Path(datasets))
     result: dict[str, Any] = options.call(suite, progress=progress)[0]
     return result
 
@@ -120,10 +120,10 @@ def score(
     :raises FileExistsError: the folder exists
     :raises OSError: a file cannot be read or written
     """
-    options = _selected(Options("suite", "score"), track, case).add("results", "results", Path(results))
-    options.add("site", "site", site)
-    options.add("anchors", "anchors", flag("anchors", anchors)).add("seed", "seed", whole("seed", seed, 0, LAST_SEED))
-    options.add("force", "force", flag("force", force)).add("out", "out", Path(out))
+    options = _selected(Options("suite", "score"), track, case).add("results", Path(results))
+    options.add("site", site)
+    options.add("anchors", flag("anchors", anchors)).add("seed", whole("seed", seed, 0, LAST_SEED))
+    options.add("force", flag("force", force)).add("out", Path(out))
     result: dict[str, Any] = options.call(suite, datasets)[0]
     return result
 
@@ -155,9 +155,9 @@ def release(
     :raises OSError: a file cannot be read or written
     """
     options = _selected(Options("suite", "release"), track, case)
-    options.add("creators", "creator", [str(name) for name in creators])
-    options.add("deadline", "deadline", None if deadline is None else str(deadline)).add("after", "after", after)
-    options.add("resume", "resume", flag("resume", resume)).add("force", "force", flag("force", force))
-    options.add("new_keys", "new-keys", flag("new_keys", new_keys))
-    options.add("codabench", "codabench", flag("codabench", codabench)).add("wheel", "wheel", wheel)
-    return options.add("out", "out", Path(out)).call(suite, datasets, progress=progress)[0]
+    options.add("creator", [str(name) for name in creators])
+    options.add("deadline", None if deadline is None else str(deadline)).add("after", after)
+    options.add("resume", flag("resume", resume)).add("force", flag("force", force))
+    options.add("new_keys", flag("new_keys", new_keys))
+    options.add("codabench", flag("codabench", codabench)).add("wheel", wheel)
+    return options.add("out", Path(out)).call(suite, datasets, progress=progress)[0]

@@ -7,6 +7,7 @@ mod arrow;
 mod columns;
 mod dataset;
 mod fields;
+mod fit;
 mod object;
 mod recording;
 mod render;
@@ -46,6 +47,7 @@ fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
     dataset::add(module)?;
     render::add(module)?;
     fields::add(module)?;
+    fit::add(module)?;
     recording::add(module)?;
     scores::add(module)?;
     stream::add(module)?;

@@ -15,7 +15,7 @@ use pyo3::exceptions::{
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use storage::Error;
-use storage::advice::Named;
+use storage::advice::Advice;
 
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);
@@ -162,31 +162,11 @@ pub(crate) fn defect(panic: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("a defect of microsig, please report it: {text}"))
 }
 
-/// What an option of the command is called in Python.
-fn argument(option: Named) -> &'static str {
-    match option {
-        Named::AutoOffset => "auto_offset",
-        Named::Border => "border_px",
-        Named::Crlb => "crlb",
-        Named::Depth => "depth_um=(LOW, HIGH)",
-        Named::Dims => "dims",
-        Named::Force => "force=True",
-        Named::Format => "format",
-        Named::GateShape => "gate",
-        Named::GateXy => "gate_xy_px",
-        Named::GateZ => "gate_z_um",
-        Named::IsbiGate => "isbi_gate_px",
-        Named::Plane => "plane_um",
-        Named::UmPerPx => "um_per_px",
-        Named::YUp => "y=\"up\"",
-    }
-}
-
 /// The exception of an error, with its message.
 pub(crate) fn raise(error: Error) -> PyErr {
     let text = match &error {
-        Error::Options(advice) => advice.said(argument),
-        Error::Exists { path, hint } => format!("{}: {}", path.display(), hint.said(argument)),
+        Error::Options(all) => all.iter().map(Advice::in_python).collect::<Vec<_>>().join("\n"),
+        Error::Exists { path, hint } => format!("{}: {}", path.display(), hint.in_python()),
         error => error.messages().join("\n"),
     };
     let text = printable(&text);

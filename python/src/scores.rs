@@ -6,6 +6,7 @@ use std::sync::Arc;
 use arena::report;
 use bench::cli::{Variants, variant};
 use dataset::Columns;
+use generator::runner::DatasetPlace;
 use microsig_core::render::Context;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
@@ -17,7 +18,7 @@ use scoring::results::{Conventions, Format, Origin, Source};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
-use crate::dataset::{Kept, Made, Place};
+use crate::dataset::{Made, Place};
 use crate::object::Object;
 use crate::run::{OnInterrupt, Show, raise, run};
 
@@ -59,7 +60,7 @@ struct How {
 }
 
 /// One of the allowed values of an option.
-fn one_of<T: Variants>(name: &str, given: Option<&str>) -> storage::Result<Option<T>> {
+pub(crate) fn one_of<T: Variants>(name: &str, given: Option<&str>) -> storage::Result<Option<T>> {
     let variant = |given| {
         variant(given).map_err(|expected| storage::Error::input(format!("{name} = {given:?}: {expected}")))
     };
@@ -143,7 +144,7 @@ impl Scored {
 /// Scores a result against the truth of a dataset.
 #[pyfunction]
 fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> PyResult<Scored> {
-    let dataset = Kept::from(dataset);
+    let dataset = DatasetPlace::from(dataset);
     let (file, table) = match result {
         Given::File(path) => (Some(path), Columns::default()),
         Given::Columns(given) => (None, columns(given)),
@@ -151,11 +152,11 @@ fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> 
     run(py, false, OnInterrupt::Leave, move |_| {
         let options = how.options()?;
         let truth = |is_field| match &dataset {
-            Kept::Memory(made) => Truth::of_memory(made, is_field, &options),
-            Kept::Folder(path) => Truth::read(path, is_field, &options),
+            DatasetPlace::Memory(made) => Truth::of_memory(made, is_field, &options),
+            DatasetPlace::Folder(path) => Truth::read(path, is_field, &options),
         };
         let evaluation = match (&dataset, &file) {
-            (Kept::Folder(dataset), Some(file)) => evaluate_files(dataset, file, &options)?,
+            (DatasetPlace::Folder(dataset), Some(file)) => evaluate_files(dataset, file, &options)?,
             (_, Some(file)) => evaluate_source(truth, Source::File(file.into()), &options)?,
             (_, None) => evaluate_source(truth, Source::Columns(table), &options)?,
         };
@@ -188,18 +189,19 @@ enum Aspect {
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn track<'py>(
     py: Python<'py>,
-    dataset: PathBuf,
+    dataset: Place<'py>,
     method: String,
     max_displacement_px: f64,
     diameter_px: f64,
-    noise_px: f64,
-    noise_um: f64,
+    noise_xy_px: f64,
+    noise_z_um: f64,
     ensemble: bool,
     spheroids: bool,
     aspect_ratio: Aspect,
     seed: u64,
     show: Show<'py>,
 ) -> PyResult<(Bound<'py, PyDict>, Vec<String>)> {
+    let dataset = DatasetPlace::from(dataset);
     let aspect = match aspect_ratio {
         Aspect::Given(ratio) => AspectRatio::Given(ratio),
         Aspect::Named(name) => name.parse().map_err(PyValueError::new_err)?,
@@ -209,8 +211,8 @@ fn track<'py>(
             method,
             max_displacement_px,
             diameter_px,
-            noise_px,
-            noise_um,
+            noise_xy_px,
+            noise_z_um,
             seed,
             force: false,
             ensemble,
@@ -285,8 +287,6 @@ pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(compare, module)?)?;
     module.add_function(wrap_pyfunction!(track, module)?)?;
-    let ranges = TrackOptions::RANGES.iter().chain([&ParticleShape::ASPECTS]);
-    module.add("TRACK_RANGES", columns::ranges(ranges))?;
     module.add_function(wrap_pyfunction!(methods, module)?)?;
     module.add_function(wrap_pyfunction!(sweep, module)?)
 }

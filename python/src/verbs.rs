@@ -5,13 +5,16 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use bench::cli::Cli;
+use bench::export::ExportOptions;
+use clap::ValueEnum;
 use generator::preview::{Preview, svg, text};
+use generator::runner::DatasetPlace;
 use microsig_core::formats::stack::{Stack, StackAxis, StackFormat};
 use microsig_core::sensor::{Counts, Image};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 
-use crate::dataset::ScenarioText;
+use crate::dataset::{Place, ScenarioText};
 use crate::object::Object;
 use crate::run::{OnInterrupt, Show, run};
 
@@ -34,6 +37,45 @@ fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String,
         let warnings = scenario.warnings.iter().map(ToString::to_string);
         let warnings = warnings.chain(preview.warnings.iter().cloned()).collect();
         Ok((Object::of(&preview)?, text(&preview), svg(&preview)?, warnings))
+    })
+}
+
+/// The variant of this name.
+fn choice<T: ValueEnum>(name: &str, given: &str) -> storage::Result<T> {
+    T::from_str(given, false).map_err(|_| {
+        let names =
+            T::value_variants().iter().filter_map(|one| Some(one.to_possible_value()?.get_name().to_owned()));
+        let names = names.collect::<Vec<_>>().join(", ");
+        storage::Error::input(format!("{name} = {given:?}: expected one of {names}"))
+    })
+}
+
+/// Writes truth or images of a dataset in the format of another program.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the options of the command")]
+fn export(
+    py: Python<'_>,
+    dataset: Place<'_>,
+    out: PathBuf,
+    format: String,
+    images: String,
+    stack: Option<String>,
+    pair: Option<u32>,
+    displacement: String,
+    force: bool,
+) -> PyResult<()> {
+    let dataset = DatasetPlace::from(dataset);
+    run(py, false, OnInterrupt::Wait, move |_| {
+        let options = ExportOptions {
+            format: choice("format", &format)?,
+            out: out.into(),
+            pair,
+            displacement: choice("displacement", &displacement)?,
+            images: choice("images", &images)?,
+            stack,
+            force,
+        };
+        bench::export::export(&dataset, &options).map(drop)
     })
 }
 
@@ -88,5 +130,6 @@ fn shape<T: numpy::Element>(of: &PyReadonlyArray3<'_, T>) -> [usize; 3] {
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(call, module)?)?;
     module.add_function(wrap_pyfunction!(optics, module)?)?;
+    module.add_function(wrap_pyfunction!(export, module)?)?;
     module.add_function(wrap_pyfunction!(write_stack, module)?)
 }

@@ -74,18 +74,49 @@ def test_fit_takes_files_calibrations_and_arrays(dataset, tmp_path):
     for name, value in expected.items():
         assert (of_file[name], of_folder[name]) == pytest.approx((value, value), rel=1e-3), name
     assert of_scan.parameters["free"].sum() >= 2 and "low_95" in of_scan.parameters
-    # The twin can be generated.
-    assert ms.resolve(of_scan.scenario)["name"]
+    # The twin can be generated, and is the same in memory and in the folder.
+    assert ms.resolve(of_scan.scenario)["optics"]["numerical_aperture"] == pytest.approx(of_scan["numerical_aperture"], rel=1e-4)
+    assert of_array.scenario == (tmp_path / "p/scenario.ron").read_text()
+    assert of_scan.path is None and of_scan.save(tmp_path / "s") == of_scan.path
+    assert (tmp_path / "s/scenario.ron").read_bytes() == (tmp_path / "c/scenario.ron").read_bytes()
     with pytest.raises(KeyError, match="numerical_aperture"):
         of_scan["aperture"]
     with pytest.raises(ValueError, match="z_step_um"):
         fitted(dataset / "images")
-    with pytest.raises(ValueError, match="scan: stage positions of an array are unknown"):
+    with pytest.raises(ValueError, match="stage positions are unknown; give z or z_step_um"):
         fitted(scan.images)
-    with pytest.raises(ValueError, match="magnification -1: expected a number > 0"):
+    with pytest.raises(ValueError, match="magnification = -1: expected 0.01 to 1000"):
         ms.fit(scan, magnification=-1, pixel_size_um=6.5)
     with pytest.raises(FileExistsError):
         fitted(scan, out=tmp_path / "p")
+
+
+def test_arrays_cross_in_memory(dataset, tmp_path, monkeypatch):
+    text = ms.open(dataset).scenario_text
+    made = ms.generate(text)
+    formats = ("trackpy", "imagej-stack", "coco", "flo")
+    with_truth = ms.generate(text, set={"truth.boxes": True})
+    saved = with_truth.save(tmp_path / "saved")
+    # Nowhere to write a temporary file.
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "missing"))
+    monkeypatch.chdir(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for method in ("ncc", "mle", "aptv", "piv", "truth-noise"):
+            of_memory, of_folder = (ms.track(ds, method).to_dict() for ds in (made, ms.open(dataset)))
+            assert of_memory.keys() == of_folder.keys() and of_memory
+            for name, values in of_memory.items():
+                np.testing.assert_array_equal(values, of_folder[name], err_msg=f"{method}: {name}")
+        ms.evaluate(made, ms.track(made, "ncc"))
+    assert fitted(np.asarray(made.calibration.images), z=made.calibration.z_um).settings_text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["saved"]
+    for format in formats:
+        ms.export(with_truth, tmp_path / "of-memory", format=format, force=True)
+        ms.export(saved, tmp_path / "of-folder", format=format, force=True)
+        assert (tmp_path / "of-memory").read_bytes() == (tmp_path / "of-folder").read_bytes(), format
+    for verb in (ms.verify, lambda ds: ms.release(ds, tmp_path / "out")):
+        with pytest.raises(ValueError, match="expected one in a folder; save"):
+            verb(made)
 
 
 def test_exports_are_those_of_the_command(dataset, tmp_path):
@@ -159,7 +190,7 @@ def test_release_makes_a_challenge(dataset, tmp_path):
     open_until = datetime.date(9999, 12, 31)
     after = ms.release(dataset, tmp_path / "next", val=2, test=2, after=tmp_path / "out", deadline=open_until)
     assert (after["round"], after["deadline"]) == (2, "9999-12-31")
-    with pytest.raises(ValueError, match="its deadline is 9999-12-31 .*; early publishes"):
+    with pytest.raises(ValueError, match="its deadline is 9999-12-31 .*; early=True publishes"):
         ms.reveal(tmp_path / "next", tmp_path / "truth")
     assert ms.reveal(tmp_path / "next", tmp_path / "truth", early=True)["commitment"] == after["commitment"]
 

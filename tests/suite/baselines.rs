@@ -139,7 +139,7 @@ fn only_two_methods_measure_axes() {
         2,
         &["track", path(folder.path()), "--method", "spots", "--shape", "spheroid", "--out", "x.csv"],
     );
-    assert!(wrong.contains("expected with method ncc or mle, not spots"), "{wrong}");
+    assert!(wrong.contains("--shape spheroid: expected with --method ncc or mle, not spots"), "{wrong}");
 }
 
 /// At least `found` of three rods, with a mean or median `angle` below 3 degrees.

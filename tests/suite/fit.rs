@@ -56,7 +56,7 @@ fn scans_that_cannot_be_fitted_are_refused_with_advice() {
     assert!(cut.contains("cut by the edge") && cut.contains("--planes"), "{cut}");
 
     let unknown = refused(&pages, size, &[]);
-    assert!(unknown.contains("give --z FILE or --z-step UM"), "{unknown}");
+    assert!(unknown.contains("give --z or --z-step"), "{unknown}");
 
     let range = refused(&pages, size, &["--z-step", "5", "--planes", "3-5"]);
     assert!(range.contains("at least 7 planes within 0-8"), "{range}");
@@ -117,8 +117,8 @@ fn colors_and_missing_or_impossible_options_are_refused() {
     assert!(without.contains("--pixel-size"), "{without}");
     let base = ["fit", scan, "--magnification", "10", "--pixel-size", "6.45", "--z-step", "5", "--out", out];
     for (more, expected) in [
-        (&["--depth-factor", "0"][..], "--depth-factor 0: expected a number > 0"),
-        (&["--diameter", "0"], "--diameter 0: expected a number > 0"),
+        (&["--depth-factor", "0"][..], "--depth-factor 0: expected 0.01 to 10"),
+        (&["--diameter", "0"], "--diameter 0: expected 0.001 to 100 um"),
         (&["--model", "waves"], "--wavelength"),
         (&["--wavelength", "0.5"], "--wavelength: expected with --model waves only"),
         (&["--model", "waves", "--wavelength", "50"], "--wavelength 50: expected 0.1 to 2"),

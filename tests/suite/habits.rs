@@ -148,7 +148,7 @@ fn an_empty_folder_is_as_good_as_none_for_every_verb() {
         assert!(std::fs::read_dir(&out).unwrap().count() > 0, "{name}");
         let again = fail(2, &arguments);
         let told = if name == "release" {
-            "--force --new-keys replaces it"
+            "--force with --new-keys replaces it"
         } else {
             "already exists; --force replaces it"
         };

@@ -1,5 +1,5 @@
 //! Rules of the repository that neither clippy nor rustfmt checks: files are opened where pipes and devices are
-//! refused, documents have no dead links, and ARCHITECTURE.md names files that exist.
+//! refused, documents have no dead links, ARCHITECTURE.md names files that exist, and messages options that exist.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -165,3 +165,28 @@ fn every_path_that_architecture_md_names_exists() {
 
 /// Paths inside datasets that ARCHITECTURE.md mentions.
 const DATASET_PATHS: [&str; 2] = ["scenario.ron", "images/"];
+
+/// The long options of a command and of all below it.
+fn options(command: &clap::Command, found: &mut BTreeSet<String>) {
+    found.extend(command.get_arguments().filter_map(|argument| Some(format!("--{}", argument.get_long()?))));
+    command.get_subcommands().for_each(|below| options(below, found));
+}
+
+#[test]
+fn options_that_messages_name_are_options_of_the_command() {
+    let mut known = BTreeSet::new();
+    options(&<bench::cli::Cli as clap::CommandFactory>::command(), &mut known);
+    let (mut named, mut wrong) = (0, Vec::new());
+    for (path, text) in files(".rs").into_iter().filter(|(path, _)| path.starts_with("crates/")) {
+        for constructor in [" option(\"", "(option(\"", " flag(\"", "(flag(\"", "NumberRange { key: \""] {
+            let keys = text.split(constructor).skip(1).filter_map(|rest| rest.split('"').next());
+            for option in keys.map(storage::advice::option_of) {
+                named += 1;
+                if !known.contains(&option) {
+                    wrong.push(format!("{path}: {option}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty() && named > 60, "{named} options, of which no verb has {wrong:?}");
+}

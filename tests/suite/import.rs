@@ -264,7 +264,7 @@ fn images_that_cannot_be_imported_are_refused_by_file_page_and_value() {
         ("cropped.tif", vec![], "cropped.tif: page 0: 100 x 80 px: expected 240 x 240 px, as the scan"),
         ("text.tif", vec![], "text.tif: "),
         ("nothing*.tif", vec![], "no file has such a name"),
-        ("run.ome.tif", vec![], "2 pages for each time (OME-XML): give --page K, 0 to 1"),
+        ("run.ome.tif", vec![], "2 pages for each time (OME-XML): give --page, 0 to 1"),
         ("run.ome.tif", vec!["--page", "2"], "--page 2"),
         (
             "run.ome.tif",
@@ -350,5 +350,5 @@ fn scans_without_single_particles_are_refused_and_poor_ones_are_warned_of() {
     without.drain(z..z + 2);
     without.push("--force".to_owned());
     let message = fail(2, &without.iter().map(String::as_str).collect::<Vec<_>>());
-    assert!(message.contains("stage positions are unknown; give --z FILE or --z-step UM"), "{message}");
+    assert!(message.contains("stage positions are unknown; give --z or --z-step"), "{message}");
 }

@@ -197,7 +197,7 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     for more in [&[][..], &["--force"], &["--new-keys"]] {
         let message = fail(2, &[&release[..], more].concat());
         assert!(
-            message.contains("secret key: --resume leaves it unchanged, --force --new-keys"),
+            message.contains("secret key: --resume leaves it unchanged, --force with --new-keys"),
             "{message}"
         );
     }

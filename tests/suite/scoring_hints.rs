@@ -133,9 +133,9 @@ fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
         let hint = format!("{hint} F1 would be 1.000 instead of ");
         assert!(hints.iter().any(|h| h.what.starts_with(&hint)), "{hint}: {hints:?}");
     };
-    hinted(&|r| r.frame += 1, "frames off by one? With --frame-base increased by one");
+    hinted(&|r| r.frame += 1, "frames off by one? With the number of the first frame increased by one");
     hinted(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped? With x and y exchanged");
-    hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With --y up");
+    hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With y upward");
 
     let mut shifted = perfect.clone();
     shifted.rows.iter_mut().for_each(|r| r.at.x_px += 5.0);
@@ -214,7 +214,7 @@ fn field(shift_px: f64) -> (FieldScore, Vec<Hint>) {
 fn a_field_half_a_pixel_off_is_noticed_by_the_gradients_of_the_flow() {
     let (_, hints) = field(0.0);
     assert_eq!(hints, []);
-    for (shift, option) in [(0.5, "--origin corner0"), (1.0, "--origin center0"), (-0.5, "off by -0.5 px?")] {
+    for (shift, option) in [(0.5, "; origin corner0"), (1.0, "; origin center0"), (-0.5, "off by -0.5 px?")] {
         let (_, hints) = field(shift);
         assert!(hints.len() == 1 && hints[0].what.contains(option), "{shift}: {hints:?}");
         assert!(hints[0].rms_px < hints[0].rms_px_now, "{hints:?}");

@@ -192,7 +192,7 @@ fn a_release_of_a_suite_continues_and_keeps_its_keys() {
 
     let message = fail(2, &release);
     assert!(message.contains("noise_0.5: is a challenge with its secret key: --resume"), "{message}");
-    assert!(fail(2, &[&release[..], &["--force"]].concat()).contains("--force --new-keys"));
+    assert!(fail(2, &[&release[..], &["--force"]].concat()).contains("--force with --new-keys"));
     assert!(run(&[&release[..], &["--resume"]].concat()).contains("2 challenges of suite little 1.0.0, "));
     assert!(suite::tree(&first).unwrap() == kept, "a finished challenge has kept its key and files");
     assert!(out.join("P2/noise_2/withheld/test/secret_key.txt").is_file());

@@ -1,8 +1,9 @@
 //! The `microsig` command ([`cli`]) and the parts that only it needs: exports to other formats ([`export`]),
-//! plots of flows, and the pages of `microsig view`.
+//! fits with their reports ([`fitting`]), plots of flows, and the pages of `microsig view`.
 
 pub mod cli;
 pub mod export;
+pub mod fitting;
 pub mod flow_plot;
 #[cfg(feature = "view")]
 pub mod view;

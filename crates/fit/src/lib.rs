@@ -52,7 +52,9 @@ pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use repeats::noise_of_repeats;
 pub use scan::{Level, Scan, StagePositions};
-use storage::error::Result;
+use storage::advice::option;
+use storage::range::faults;
+use storage::{Error, NumberRange, Result, advice};
 pub use waves::WaveModel;
 
 /// Whether the fit has two focal planes.
@@ -91,6 +93,54 @@ pub struct FitOptions {
     pub seed: u64,
 }
 
+impl FitOptions {
+    /// Refuses values out of range.
+    ///
+    /// # Errors
+    /// All of them.
+    pub fn check(&self) -> Result<()> {
+        let Given { magnification, pixel_size_um, ri_medium, depth_factor, .. } = self.given;
+        let layers = self.waves.and_then(|waves| waves.layers);
+        let mut wrong = faults(&[
+            (Some(magnification), Given::MAGNIFICATIONS),
+            (Some(pixel_size_um), Given::PIXEL_SIZES_UM),
+            (Some(ri_medium), Given::MEDIA),
+            (Some(depth_factor), Given::DEPTH_FACTORS),
+            (self.diameter_um, DIAMETERS_UM),
+            (self.waves.map(|waves| waves.wavelength_um), WAVELENGTHS_UM),
+            (layers.map(|layers| layers.n_s), FLUIDS),
+            (layers.map(|layers| layers.focus_depth_um), FLUID_DEPTHS_UM),
+        ]);
+        // The same hint as for scenarios (`scenario::language::read`).
+        let um = (pixel_size_um * 1e12).round() / 1e6;
+        if !Given::PIXEL_SIZES_UM.allows(pixel_size_um) && Given::PIXEL_SIZES_UM.allows(um) {
+            let key = option(Given::PIXEL_SIZES_UM.key);
+            wrong.push(advice!(key, format!(" is in um: {pixel_size_um:e} m is {um}")));
+        }
+        if layers.is_some() && depth_factor != 1.0 {
+            let what = ", expected 1, because depths are those in the fluid";
+            let (factor, fluid) = (option("depth_factor").of(depth_factor), option("fluid"));
+            wrong.push(advice!(factor, " with ", fluid, what));
+        }
+        if wrong.is_empty() { Ok(()) } else { Err(Error::Options(wrong)) }
+    }
+
+    /// What should be known about the positions of planes, if they are depths in a fluid.
+    pub fn warning(&self) -> Option<String> {
+        let fluid = self.waves.and_then(|waves| waves.layers).map(|layers| layers.n_s);
+        let factor = self.given.depth_factor;
+        let n = fluid.or((factor != 1.0).then_some(factor))?;
+        let what =
+            "depths in the fluid, not readings of the stage: under a dry objective, multiply those by about";
+        Some(format!("positions of planes are taken as {what} {n}"))
+    }
+}
+
+const DIAMETERS_UM: NumberRange = NumberRange { key: "diameter_um", least: 0.001, most: 100.0, unit: "um" };
+const WAVELENGTHS_UM: NumberRange = NumberRange { key: "wavelength_um", least: 0.1, most: 2.0, unit: "um" };
+const FLUIDS: NumberRange = NumberRange { key: "fluid", least: 1.0, most: 4.0, unit: "" };
+const FLUID_DEPTHS_UM: NumberRange = NumberRange { key: "fluid_depth_um", least: 0.0, most: 1e5, unit: "um" };
+
 /// A fit with the files that describe it.
 #[derive(Debug)]
 pub struct FitFiles {
@@ -105,8 +155,10 @@ pub struct FitFiles {
 /// Fits the settings to a scan; `watch` receives progress messages.
 ///
 /// # Errors
-/// [`storage::Error::Input`] if the scan has no usable particle or does not determine all parameters.
+/// Options out of range; [`Error::Input`] if the scan has no usable particle or does not determine all
+/// parameters.
 pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFiles> {
+    options.check()?;
     watch("background, particles and widths");
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
@@ -195,9 +247,8 @@ fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFile
     let normal = run.problem.normal(&run.state, &run.problem.derivatives(derivatives, &run.state)?)?;
     let weighed = comparison::chi2(&run.problem.misfits(&run.state, None)?);
     let covariance = Covariance::of(&normal, particles, weighed).ok_or_else(|| {
-        storage::Error::input(
-            "the scan does not determine all parameters: give --diameter, or use a longer scan",
-        )
+        let what = "the scan does not determine all parameters: give ";
+        Error::option(advice!(what, option("diameter_um"), ", or use a longer scan"))
     })?;
     let resampled = intervals::bootstrap(&normal, particles, options.bootstrap, options.seed);
     // From here on, only the noise counts, without the residuals attributed to errors of the model.

@@ -3,6 +3,7 @@
 use microsig_core::Settings;
 
 use super::waves::{TERMS, Waves};
+use storage::NumberRange;
 
 /// Given properties of the microscope.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +18,19 @@ pub struct Given {
     pub ri_lens: f64,
     /// Physical depth over depth in MicroSIG's model.
     pub depth_factor: f64,
+}
+
+impl Given {
+    /// The allowed magnifications.
+    pub const MAGNIFICATIONS: NumberRange =
+        NumberRange { key: "magnification", least: 0.01, most: 1000.0, unit: "" };
+    /// The allowed edges of a pixel.
+    pub const PIXEL_SIZES_UM: NumberRange =
+        NumberRange { key: "pixel_size_um", least: 0.05, most: 1000.0, unit: "um" };
+    /// The allowed refractive indices of the medium, and ratios of depths.
+    pub(super) const MEDIA: NumberRange = NumberRange { key: "medium", least: 0.1, most: 1.4, unit: "" };
+    pub(super) const DEPTH_FACTORS: NumberRange =
+        NumberRange { key: "depth_factor", least: 0.01, most: 10.0, unit: "" };
 }
 
 /// The model of the microscope.

@@ -225,16 +225,15 @@ impl Fitted {
         warnings.extend(halos(problem, state));
         if run.direction_margin.is_some_and(|margin| margin < KNOWN_DIRECTION) {
             warnings.push(
-                "the scan does not determine whether stage positions increase away from the lens or toward it: give --z-direction"
+                "the scan does not determine whether stage positions increase away from the lens or toward it: give its direction"
                     .to_owned(),
             );
         }
         if let Some(comparison) = &run.comparison
             && !comparison.recommends_waves()
         {
-            warnings.push(
-                "geometrical optics describes this scan better: fit it with --model geometric".to_owned(),
-            );
+            warnings
+                .push("geometrical optics describes this scan better: use the geometric model".to_owned());
         }
         Fitted {
             version: storage::VERSION,
@@ -301,7 +300,7 @@ fn halo([fitted, dark]: [f64; 2], light: f64, edge: usize) -> Option<String> {
             "the fitted background is {fitted:.1} counts, that of the dark pixels of the scan {dark:.1}: over a window of {edge} px, \
              the difference is {:.1} % of the light of a particle. Particle images that are wider than the window or overlap cause \
              this; numerical aperture and focal length are then probably wrong: use particles farther apart or, for a corrected \
-             objective, --model waves",
+             objective, the model of waves",
             100.0 * share
         )
     })

@@ -3,8 +3,8 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use microsig_core::Settings;
 use microsig_core::formats::settings_file;
+use microsig_core::{KEYS, Settings};
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray16, Gray32Float};
 
@@ -50,6 +50,7 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
     let depths_um = in_fluid((low, high), model, microscope.diameter_um);
     let optics = microscope.waves.as_ref().map_or((String::new(), String::new()), wave_keys);
     let twin = Twin {
+        settings: &fitted.settings,
         depth_factor,
         diameter_um: microscope.diameter_um,
         depths_um,
@@ -63,7 +64,8 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
 }
 
 /// The parts from which the scenario of a fit is made.
-pub(super) struct Twin {
+pub(super) struct Twin<'a> {
+    pub(super) settings: &'a Settings,
     pub(super) depth_factor: f64,
     pub(super) diameter_um: f64,
     /// Physical depths of the scan, um.
@@ -116,8 +118,8 @@ pub(super) fn render_line(model: &WaveModel) -> String {
     format!("    render: (mode: waves, wavelength_um: {wavelength_um:?}, emission: {emission}),\n")
 }
 
-impl Twin {
-    /// The scenario, with the optics of `settings.txt` beside it.
+impl Twin<'_> {
+    /// The scenario, complete without other files.
     pub(super) fn text(&self) -> String {
         let Twin { depth_factor, optics: (optics, render), sensor, .. } = self;
         let (low, high) = (round(self.depths_um.0, 2), round(self.depths_um.1, 2));
@@ -125,12 +127,17 @@ impl Twin {
             0.0 => String::new(),
             sd => format!(", c_int: normal(mean: 1.0, sd: {sd:?})"),
         };
+        let settings = KEYS.iter().zip(self.settings.values()).map(|(key, value)| {
+            let value = if key.is_whole { format!("{value}") } else { format!("{value:?}") };
+            format!("{}: {value}, ", key.name)
+        });
+        let settings: String = settings.collect();
         let speed = round(DISPLACEMENT_PX * self.px_um / DT_S, 1);
         format!(
             "// Images as the scanned microscope would record them; written by `microsig fit`.\n\
              // Choose a flow (`microsig flows`), the depth range, the number of particles and the timing.\n\
              (\n    name: \"twin\",\n    description: \"Digital twin of a real microscope\",\n    \
-             optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
+             optics: ({settings}depth_factor: {depth_factor:?}{optics}),\n    \
              motion: flow(field: poiseuille(max_speed_um_s: {speed:?})),\n    \
              particles: (number: count({}), diameter_um: constant({}){c_int}),\n    \
              boundaries: (z_um: ({low:?}, {high:?})),\n    timing: pairs(count: 10, dt_s: {DT_S:?}),\n{render}{sensor})\n",
@@ -178,6 +185,7 @@ mod tests {
     fn twin(depth_factor: f64, diameter_um: f64, depths_um: (f64, f64), optics: (String, String)) -> String {
         let sensor = String::new();
         Twin {
+            settings: &Settings::setting1(),
             depth_factor,
             diameter_um,
             depths_um,
@@ -192,13 +200,9 @@ mod tests {
 
     #[test]
     fn the_twin_is_a_scenario() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut settings = Vec::new();
-        settings_file::write(&mut settings, &Settings::setting1()).unwrap();
-        std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
         let text = twin(1.33, 2.00004, (-60.123, 19.5), (String::new(), String::new()));
         let scenario =
-            scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None, &Context::default())
+            scenario::load_text(&text, ("scenario.ron", Path::new(".")), &[], None, &Context::default())
                 .unwrap();
         assert_eq!(
             (scenario.spec.name.as_str(), scenario.spec.boundaries.z_um),
@@ -208,10 +212,6 @@ mod tests {
 
     #[test]
     fn the_twin_by_waves_is_a_scenario() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut settings = Vec::new();
-        settings_file::write(&mut settings, &Settings::setting1()).unwrap();
-        std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
         let layers = Some(Layers::default());
         let (emission, lens) = (Emission::Volume, Lens::Aplanatic);
         let mut waves = Waves::new(WaveModel { wavelength_um: 0.52, emission, lens, layers });
@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(depths_um, (-99.9, 3.0));
         let text = twin(1.0, 0.2, depths_um, wave_keys(&waves));
         let scenario =
-            scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None, &Context::default())
+            scenario::load_text(&text, ("scenario.ron", Path::new(".")), &[], None, &Context::default())
                 .unwrap();
         let text = format!("{:?}", scenario.spec);
         assert!(

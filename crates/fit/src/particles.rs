@@ -133,7 +133,7 @@ pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>
         let best = sum.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
         return Err(Error::input(format!(
             "no particle found: the brightest position, ({}, {}) px, has {:.0} counts above the background in the smoothed sum over all planes, \
-             the threshold is {threshold:.0}; give the particles with --particles FILE",
+             the threshold is {threshold:.0}; give the positions of the particles",
             best % w + 1,
             best / w + 1,
             sum[best]
@@ -232,8 +232,8 @@ pub(super) fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Res
         } else {
             format!(
                 "none of {n} particles can be used with windows of {0} x {0} px: {cut} are cut by the edge of the image, \
-                 {crowded} overlap neighbors, {saturated} are saturated; omit the planes with the largest images \
-                 (--planes A-B) or set a smaller --window",
+                 {crowded} overlap neighbors, {saturated} are saturated; omit the planes with the largest images or \
+                 set a smaller window",
                 2 * half + 1
             )
         };

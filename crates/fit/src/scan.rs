@@ -6,6 +6,8 @@ use std::path::Path;
 use microsig_core::formats::pages::{PageSize, Pages};
 use serde::Deserialize;
 
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 use storage::{InputFile, input};
 
@@ -46,10 +48,34 @@ pub struct Level {
 pub enum StagePositions {
     /// A CSV table with the columns `page` (from 0) or `image`, and `z_um`.
     Table(InputFile),
+    /// The position of each plane, um.
+    Given(Vec<f64>),
     /// A constant step between planes, um.
     Step(f64),
     /// The slice spacing that ImageJ or OME-XML states in the file's description.
     FromFile,
+}
+
+impl StagePositions {
+    /// The position of each of `n` planes in memory, um.
+    ///
+    /// # Errors
+    /// A table that cannot be read or does not have a row for each plane; [`StagePositions::FromFile`].
+    pub fn of_planes(&self, n: usize) -> Result<Vec<f64>> {
+        let unknown =
+            || advice!("stage positions are unknown; give ", option("z"), " or ", option("z_step_um"));
+        self.find(&[], n).transpose().unwrap_or_else(|| Err(Error::option(unknown())))
+    }
+
+    /// The positions of `n` planes of files with these names; `None` if the file states them.
+    fn find(&self, names: &[String], n: usize) -> Result<Option<Vec<f64>>> {
+        Ok(match self {
+            StagePositions::Table(file) => Some(read_positions(file, names, n)?),
+            StagePositions::Given(stage_um) => Some(stage_um.clone()),
+            StagePositions::Step(step) => Some((0..n).map(|i| step * i as f64).collect()),
+            StagePositions::FromFile => None,
+        })
+    }
 }
 
 /// The planes of a file or folder, without their positions.
@@ -63,6 +89,37 @@ struct Planes {
 }
 
 impl Scan {
+    /// A scan of planes of counts in memory, row by row; `full_scale`: the largest count of their type.
+    ///
+    /// # Errors
+    /// Planes of different sizes, too many pixels; positions that are not as many, not monotonic or too few.
+    pub fn new(
+        (width, height): (usize, usize),
+        planes: Vec<Vec<u16>>,
+        stage_um: Vec<f64>,
+        full_scale: u16,
+    ) -> Result<Scan> {
+        let pixels = width.saturating_mul(height);
+        if planes.iter().any(|plane| plane.len() != pixels) {
+            return Err(Error::input(format!("expected planes of {width} x {height} px")));
+        }
+        if pixels.saturating_mul(planes.len()) > MAX_PIXELS {
+            return Err(Error::input(format!("more than {MAX_PIXELS} pixels: crop the scan or omit planes")));
+        }
+        let (n, given) = (planes.len(), stage_um.len());
+        if n < MIN_PLANES {
+            let what = format!("{n} planes; expected at least {MIN_PLANES}, on both sides of the focus");
+            return Err(Error::input(what));
+        }
+        if n != given || stage_um.iter().any(|z_um| !z_um.is_finite()) {
+            let what = format!(": {given} positions; expected a finite one for each of the {n} planes");
+            return Err(Error::option(advice!(option("z"), what)));
+        }
+        check_monotonic(&stage_um)?;
+        let full_scale = saturation(&planes, full_scale);
+        Ok(Scan { width, height, planes, stage_um, full_scale, warnings: Vec::new() })
+    }
+
     /// Reads a scan from a multi-page TIFF, or from a folder of TIFF files in the natural order of their
     /// names.
     ///
@@ -73,30 +130,23 @@ impl Scan {
         let planes = if path.is_dir() { read_folder(path)? } else { read_pages(path)? };
         let n = planes.planes.len();
         let mut warnings = Vec::new();
-        let stage_um = match positions {
-            StagePositions::Table(file) => read_positions(file, &planes.names, n)?,
-            StagePositions::Step(step) => (0..n).map(|i| step * i as f64).collect(),
-            StagePositions::FromFile => {
+        let stage_um = match positions.find(&planes.names, n)? {
+            Some(stage_um) => stage_um,
+            None => {
                 let step = planes.spacing_um.ok_or_else(|| {
-                    Error::input(format!(
-                        "{}: stage positions are unknown; give --z FILE or --z-step UM",
-                        path.display()
-                    ))
+                    let what = format!("{}: stage positions are unknown; give ", path.display());
+                    Error::option(advice!(what, option("z"), " or ", option("z_step_um")))
                 })?;
                 warnings.push(format!("stage step of {step} um taken from the image description"));
                 (0..n).map(|i| step * i as f64).collect()
             }
         };
-        if n < MIN_PLANES {
-            return Err(Error::input(format!(
-                "{}: {n} planes; expected at least {MIN_PLANES}, on both sides of the focus",
-                path.display()
-            )));
-        }
-        check_monotonic(&stage_um)?;
         let Planes { width, height, planes, full_scale, .. } = planes;
-        let full_scale = saturation(&planes, full_scale);
-        Ok(Scan { width, height, planes, stage_um, full_scale, warnings })
+        let scan = Scan::new((width, height), planes, stage_um, full_scale).map_err(|e| match e {
+            Error::Input(what) => Error::input(format!("{}: {}", path.display(), what.join("; "))),
+            other => other,
+        })?;
+        Ok(Scan { warnings, ..scan })
     }
 
     /// The scan restricted to planes `first` to `last`, counted from 0.
@@ -106,10 +156,8 @@ impl Scan {
     pub fn cut(mut self, first: usize, last: usize) -> Result<Scan> {
         let n = self.planes.len();
         if last >= n || first > last || last - first + 1 < MIN_PLANES {
-            return Err(Error::input(format!(
-                "--planes {first}-{last}: expected a range of at least {MIN_PLANES} planes within 0-{}",
-                n - 1
-            )));
+            let what = format!(": expected a range of at least {MIN_PLANES} planes within 0-{}", n - 1);
+            return Err(Error::option(advice!(option("planes").of(format!("{first}-{last}")), what)));
         }
         self.planes = self.planes.drain(first..=last).collect();
         self.stage_um = self.stage_um[first..=last].to_vec();

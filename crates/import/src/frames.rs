@@ -8,6 +8,8 @@ use generator::dataset::ContactSheet;
 use microsig_core::formats::pages::{PageOrder, PageSize, Pages};
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::sensor::{Counts, Image};
+use storage::advice;
+use storage::advice::{flag, option};
 use storage::error::{Error, MOST_SHOWN, Result};
 use storage::{OutputFolder, Placed, input};
 
@@ -76,7 +78,8 @@ impl Frames {
             return Err(Error::Input(problems));
         }
         if options.pairs && !sources.len().is_multiple_of(2) {
-            return Err(Error::input(format!("--pairs: {} images: expected an even number", sources.len())));
+            let what = format!(" with {} images: expected an even number", sources.len());
+            return Err(Error::option(advice!(flag("pairs"), what)));
         }
         let size = PageSize { width: scan.0 as u32, height: scan.1 as u32, bits };
         Ok(Frames { files, sources, size, pairs: options.pairs })
@@ -213,27 +216,22 @@ fn pages_of(file: &Path, options: &ImportOptions, scan: (usize, usize)) -> Resul
     let order = order.filter(|order| order.pages() == n);
     let per_time = options.pages_per_time.or(order.as_ref().map(PageOrder::per_time)).unwrap_or(1);
     if per_time == 0 || !n.is_multiple_of(per_time) {
-        return Err(Error::input(format!(
-            "{name}: {n} pages: expected a multiple of --pages-per-time {per_time}"
-        )));
+        let what = format!("{name}: {n} pages: expected a multiple of ");
+        return Err(Error::option(advice!(what, option("pages_per_time").of(per_time))));
     }
     let page = match (options.page, per_time) {
         (None, 1) => 0,
         (None, _) => {
-            let by = order
-                .filter(|_| options.pages_per_time.is_none())
-                .map_or("--pages-per-time", |order| order.by);
-            let last = per_time - 1;
-            return Err(Error::input(format!(
-                "{name}: {per_time} pages for each time ({by}): give --page K, 0 to {last}, the one with the particles"
-            )));
+            let by = order.filter(|_| options.pages_per_time.is_none());
+            let by = by.map_or_else(String::new, |order| format!(" ({})", order.by));
+            let (what, last) = (format!("{name}: {per_time} pages for each time{by}: give "), per_time - 1);
+            let which = format!(", 0 to {last}, the one with the particles");
+            return Err(Error::option(advice!(what, option("page"), which)));
         }
         (Some(page), _) if page >= per_time => {
-            return Err(Error::input(format!(
-                "--page {page}: {name} has {per_time} page{} for each time, expected 0 to {}",
-                if per_time == 1 { "" } else { "s" },
-                per_time - 1
-            )));
+            let (s, last) = (if per_time == 1 { "" } else { "s" }, per_time - 1);
+            let what = format!(": {name} has {per_time} page{s} for each time, expected 0 to {last}");
+            return Err(Error::option(advice!(option("page").of(page), what)));
         }
         (Some(page), _) => page,
     };

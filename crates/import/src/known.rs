@@ -6,6 +6,8 @@ use std::path::Path;
 
 use dataset::manifest::KnownFacts;
 use dataset::{FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, write_table};
+use storage::advice;
+use storage::advice::{flag, option};
 use storage::error::{Error, Result};
 use storage::{InputFile, OutputFolder};
 
@@ -90,9 +92,9 @@ impl Known {
             }
         }
         if all_particles && known.particles.is_empty() {
-            return Err(Error::input(
-                "--all-particles: expected with --truth and a table of particles".to_owned(),
-            ));
+            let what =
+                advice!(flag("all_particles"), ": expected with ", option("truth"), ", a table of particles");
+            return Err(Error::option(what));
         }
         known.columns = first.map_or_else(Vec::new, |(_, columns)| columns);
         known.planes.sort_by_key(|row| row.frame);

@@ -27,10 +27,12 @@ use serde::Serialize;
 
 use correction::Correction;
 use dataset::manifest::{MANIFEST, NoiseFacts, PlaceFacts};
-use fit::{Scan, StagePositions};
+use fit::{Given, Scan, StagePositions};
 use frames::Frames;
 use generator::runner::Progress;
 use known::Known;
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{InputFile, NumberRange};
@@ -88,13 +90,10 @@ impl ImportOptions {
     /// Largest `field`.
     pub const LARGEST_FIELD: usize = 9;
 
-    /// Pixel sizes of cameras, um, as in scenarios.
-    pub const PIXEL_SIZE_UM: NumberRange =
-        NumberRange { key: "pixel_size_um", least: 0.05, most: 1000.0, unit: "um" };
     /// The allowed values: of the two numbers that give `um_per_px`, of `dt_s`, and of a step of the scan up to its sign.
     pub const RANGES: [NumberRange; 4] = [
-        NumberRange { key: "magnification", least: 0.01, most: 1000.0, unit: "" },
-        Self::PIXEL_SIZE_UM,
+        Given::MAGNIFICATIONS,
+        Given::PIXEL_SIZES_UM,
         NumberRange { key: "dt_s", least: 1e-9, most: 1e6, unit: "s" },
         NumberRange { key: "z_step_um", least: 1e-4, most: 1e4, unit: "um" },
     ];
@@ -150,9 +149,15 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     let optics = optics.map(|file| optics::Optics::read(file, &options.context)).transpose()?;
     let um_per_px =
         options.um_per_px.or(optics.as_ref().map(optics::Optics::um_per_px)).ok_or_else(|| {
-            let needed =
-                "give --pixel-size and --magnification, or --optics with a scenario of `microsig fit`";
-            Error::input(format!("the size of a pixel in object space is unknown: {needed}"))
+            Error::option(advice!(
+                "the size of a pixel in object space is unknown: give ",
+                option("pixel_size_um"),
+                " and ",
+                option("magnification"),
+                ", or ",
+                option("optics"),
+                ", a scenario of `microsig fit`"
+            ))
         })?;
     let mut scan = Scan::read(&options.scan, &options.positions)?;
     let correction =

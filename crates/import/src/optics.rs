@@ -138,7 +138,7 @@ impl Model {
     pub(crate) fn warning(&self) -> Option<String> {
         if self.reversed > self.correlation + REVERSED {
             return Some(format!(
-                "the optics correlate with the scan by {:.3}, and by {:.3} if the stage moves the other way; check --z-direction",
+                "the optics correlate with the scan by {:.3}, and by {:.3} if the stage moves the other way; check its direction",
                 self.correlation, self.reversed
             ));
         }

@@ -348,7 +348,7 @@ fn none(name: &str, located: &Located, half: usize, unused: Unused) -> String {
     let (n, width) = (located.places.len(), 2 * half + 1);
     format!(
         "{name}: none of {n} particles can be used with calibration images of {width} x {width} px: {} cut by the edge of the image, \
-         {} too close to others, {} saturated; expected at least one; set a smaller --window, leave out the planes \
+         {} too close to others, {} saturated; expected at least one; set a smaller window, leave out the planes \
          farthest from focus, or reduce the exposure",
         unused.cut, unused.crowded, unused.saturated
     )

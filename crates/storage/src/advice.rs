@@ -1,60 +1,81 @@
-//! Messages that name options: each interface prints its own words for them.
+//! Messages that name options: data until an interface prints them, each in its own words.
 
-use std::fmt;
+use std::borrow::Cow;
+use std::fmt::{self, Display};
 
-/// An option that a message names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Named {
-    /// Whether a shift of the result is estimated.
-    AutoOffset,
-    /// Width of the border that is not scored.
-    Border,
-    /// Whether the Cramér-Rao bound is computed.
-    Crlb,
-    /// The depth range.
-    Depth,
-    /// Number of dimensions.
-    Dims,
-    /// Whether what exists is replaced.
-    Force,
-    /// Format of a result.
-    Format,
-    /// Shape of the gate.
-    GateShape,
-    /// Width of the gate.
-    GateXy,
-    /// Height of the gate.
-    GateZ,
-    /// Gate of the ISBI scores.
-    IsbiGate,
-    /// Plane of the true field.
-    Plane,
-    /// Size of a pixel.
-    UmPerPx,
-    /// That y grows upward.
-    YUp,
+/// An option that a message names, by its key: `gate_xy_px`, with a unit if it has one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Named {
+    key: Cow<'static, str>,
+    value: Value,
+}
+
+/// The value that a message gives to an option.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Value {
+    None,
+    /// That of a flag.
+    Set,
+    /// The name of a variant.
+    Word(String),
+    Other(String),
+}
+
+/// An option by its key.
+pub const fn option(key: &'static str) -> Named {
+    Named { key: Cow::Borrowed(key), value: Value::None }
+}
+
+/// A flag that is set.
+pub const fn flag(key: &'static str) -> Named {
+    Named { key: Cow::Borrowed(key), value: Value::Set }
 }
 
 impl Named {
-    /// The option of the command.
-    pub fn option(self) -> &'static str {
-        match self {
-            Named::AutoOffset => "--auto-offset",
-            Named::Border => "--border",
-            Named::Crlb => "--crlb",
-            Named::Depth => "--depth LOW HIGH",
-            Named::Dims => "--dims",
-            Named::Force => "--force",
-            Named::Format => "--format",
-            Named::GateShape => "--gate",
-            Named::GateXy => "--gate-xy",
-            Named::GateZ => "--gate-z",
-            Named::IsbiGate => "--isbi-gate",
-            Named::Plane => "--plane",
-            Named::UmPerPx => "--um-per-px",
-            Named::YUp => "--y up",
+    /// An option of the command without units by its name: that of `gate` for `--gate`.
+    pub fn of_command(name: &str) -> Self {
+        Named { key: Cow::Owned(name.replace('-', "_")), value: Value::None }
+    }
+
+    /// The option with one of its variants.
+    #[must_use]
+    pub fn is(self, variant: &str) -> Self {
+        Named { value: Value::Word(variant.to_owned()), ..self }
+    }
+
+    /// The option with a number or path.
+    #[must_use]
+    pub fn of(self, value: impl Display) -> Self {
+        Named { value: Value::Other(value.to_string()), ..self }
+    }
+
+    /// The argument of a function in Python: `y="up"`, `dims = 2`.
+    fn argument(&self) -> String {
+        match &self.value {
+            Value::None => self.key.to_string(),
+            Value::Set => format!("{}=True", self.key),
+            Value::Word(word) => format!("{}=\"{word}\"", self.key),
+            Value::Other(value) => format!("{} = {value}", self.key),
         }
     }
+}
+
+/// The option of the command: `--y up`.
+impl Display for Named {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&option_of(&self.key))?;
+        match &self.value {
+            Value::None | Value::Set => Ok(()),
+            Value::Word(value) | Value::Other(value) => write!(f, " {value}"),
+        }
+    }
+}
+
+/// The option of the command for a key: `--gate-xy` for `gate_xy_px`. The command states units in its help.
+pub fn option_of(key: &str) -> String {
+    let units = ["_um", "_px", "_s"].into_iter().filter(|_| !key.contains("_per_"));
+    let stem = units.filter_map(|unit| key.strip_suffix(unit)).next().unwrap_or(key);
+    format!("--{}", stem.replace('_', "-"))
 }
 
 /// A part of a message.
@@ -89,19 +110,22 @@ impl From<String> for Part {
 pub struct Advice(pub Vec<Part>);
 
 impl Advice {
-    /// The message with these words for options.
-    pub fn said(&self, word: impl Fn(Named) -> &'static str) -> String {
+    /// The message with the arguments of Python.
+    pub fn in_python(&self) -> String {
         let said = |part: &Part| match part {
             Part::Text(text) => text.clone(),
-            Part::Option(option) => word(*option).to_owned(),
+            Part::Option(option) => option.argument(),
         };
         self.0.iter().map(said).collect()
     }
 }
 
-impl fmt::Display for Advice {
+impl Display for Advice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.said(Named::option))
+        self.0.iter().try_for_each(|part| match part {
+            Part::Text(text) => f.write_str(text),
+            Part::Option(option) => option.fmt(f),
+        })
     }
 }
 
@@ -109,4 +133,24 @@ impl fmt::Display for Advice {
 #[macro_export]
 macro_rules! advice {
     ($($part:expr),+ $(,)?) => { $crate::advice::Advice(vec![$($crate::advice::Part::from($part)),+]) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_interface_has_its_own_words_for_options() {
+        for (named, command, python) in [
+            (option("gate_xy_px"), "--gate-xy", "gate_xy_px"),
+            (option("um_per_px"), "--um-per-px", "um_per_px"),
+            (flag("force"), "--force", "force=True"),
+            (option("y").is("up"), "--y up", "y=\"up\""),
+            (option("dims").of(2), "--dims 2", "dims = 2"),
+        ] {
+            let message = advice!("see ", named);
+            assert_eq!(message.to_string(), format!("see {command}"));
+            assert_eq!(message.in_python(), format!("see {python}"));
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::advice::{Advice, Named};
+use crate::advice::{Advice, flag};
 use crate::problem::Problem;
 
 /// An error of the `microsig` command.
@@ -14,9 +14,9 @@ pub enum Error {
     /// A scenario or sweep that cannot be used: every problem, with its position in the file.
     #[error("{}", first_of(.0, ToString::to_string).join("\n"))]
     Problems(Vec<Problem>),
-    /// Options that cannot be used, or that the input needs.
-    #[error("{0}")]
-    Options(Advice),
+    /// Options that cannot be used, or that the input needs: one message per problem.
+    #[error("{}", first_of(.0, ToString::to_string).join("\n"))]
+    Options(Vec<Advice>),
     /// Valid input that is not implemented: one message per key or option.
     #[error("{}", .0.join("\n"))]
     Unsupported(Vec<String>),
@@ -103,11 +103,16 @@ impl Error {
         Error::Input(vec![message.into()])
     }
 
-    /// An existing file that `--force` replaces.
+    /// An option that cannot be used, or that the input needs.
+    pub fn option(message: Advice) -> Self {
+        Error::Options(vec![message])
+    }
+
+    /// An existing file that `force` replaces.
     pub fn exists(path: &Path) -> Self {
         Error::Exists {
             path: path.to_owned(),
-            hint: crate::advice!("already exists; ", Named::Force, " replaces it"),
+            hint: crate::advice!("already exists; ", flag("force"), " replaces it"),
         }
     }
 

@@ -19,7 +19,7 @@ use super::removal::{plan, remove_own, remove_temporaries};
 pub use super::walk::FilesBelow;
 pub use super::walk::files_below;
 use crate::advice;
-use crate::advice::{Advice, Named};
+use crate::advice::{Advice, flag};
 use crate::error::{Error, Result};
 
 /// A folder under construction.
@@ -294,15 +294,17 @@ pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
     }
     if !path.join(earlier.mark).is_file() {
         let what = format!("is not empty and has no {}: it is not replaced, with or without ", earlier.mark);
-        return refuse(advice!(what, Named::Force, "; expected a new or empty folder"));
+        return refuse(advice!(what, flag("force"), "; expected a new or empty folder"));
     }
     plan(path)?;
     match (earlier.force, earlier.resumable) {
         (true, _) => Ok(()),
         (false, true) => refuse(advice!(
             "already exists; ",
-            Named::Force,
-            " replaces it, --resume keeps it if it is the same"
+            flag("force"),
+            " replaces it, ",
+            flag("resume"),
+            " keeps it if it is the same"
         )),
         (false, false) => Err(Error::exists(path)),
     }

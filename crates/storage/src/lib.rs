@@ -14,7 +14,7 @@ mod lock;
 pub mod memory;
 mod output;
 pub mod problem;
-mod range;
+pub mod range;
 mod removal;
 pub mod shown;
 mod standard;

@@ -96,7 +96,7 @@ fn refused(folder: &Path, lock: &Path, e: std::io::Error) -> Error {
         return Error::write(lock)(e);
     }
     let place = lock.parent().filter(|place| !place.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let what = format!("cannot write to {} ({e}); choose another folder with --out", place.display());
+    let what = format!("cannot write to {} ({e}); choose another output folder", place.display());
     Error::write(folder)(std::io::Error::new(e.kind(), what))
 }
 
@@ -155,7 +155,8 @@ mod tests {
         for kind in [ErrorKind::PermissionDenied, ErrorKind::ReadOnlyFilesystem] {
             let said = of(kind);
             assert!(
-                said.starts_with("/data/set: cannot write to /data (") && said.contains("--out"),
+                said.starts_with("/data/set: cannot write to /data (")
+                    && said.contains("choose another output folder"),
                 "{said}"
             );
         }

@@ -2,10 +2,13 @@
 
 use std::fmt;
 
-/// The allowed values of an option. The command and the Python package check it before they call, each in its own words.
+use crate::advice;
+use crate::advice::{Advice, option};
+
+/// The allowed values of an option.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NumberRange {
-    /// Name of the option.
+    /// Key of the option.
     pub key: &'static str,
     /// Smallest allowed value.
     pub least: f64,
@@ -20,11 +23,27 @@ impl NumberRange {
     pub fn allows(&self, value: f64) -> bool {
         (self.least..=self.most).contains(&value)
     }
+
+    /// What is wrong with a value, if it is not allowed.
+    pub fn fault(&self, value: f64) -> Option<Advice> {
+        (!self.allows(value)).then(|| advice!(option(self.key).of(value), format!(": expected {self}")))
+    }
+}
+
+/// What is wrong with those of these values that are given.
+pub fn faults(values: &[(Option<f64>, NumberRange)]) -> Vec<Advice> {
+    values.iter().filter_map(|(value, range)| range.fault((*value)?)).collect()
+}
+
+/// A number as a person writes it: `1e9`, not `1000000000`.
+fn shown(value: f64) -> String {
+    let is_plain = value == 0.0 || (1e-4..1e6).contains(&value.abs());
+    if is_plain { value.to_string() } else { format!("{value:e}") }
 }
 
 impl fmt::Display for NumberRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} to {}", self.least, self.most)?;
+        write!(f, "{} to {}", shown(self.least), shown(self.most))?;
         if self.unit.is_empty() { Ok(()) } else { write!(f, " {}", self.unit) }
     }
 }

@@ -5,13 +5,14 @@ use std::io::BufReader;
 use std::path::{Component, Path};
 
 use microsig_core::Settings;
-use microsig_core::formats::{data_file, settings_file, tiff};
+use microsig_core::formats::tiff;
 use microsig_core::render::WaveOptics;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
-use dataset::manifest::{Manifest, OpticsFacts, RECORDING};
-use dataset::{CalibrationRow, Row as _, TableReader};
+use dataset::manifest::{OpticsFacts, RECORDING};
+use dataset::{CalibrationRow, Row as _};
+use generator::runner::DatasetPlace;
 use storage::error::{Error, Result};
 use storage::input;
 
@@ -26,9 +27,6 @@ const LEAST_ROOM_PX: f64 = 4.0;
 
 /// Smallest side of a calibration image, px.
 const LEAST_SIDE: u32 = 2 * LEAST_ROOM_PX as u32 + 1;
-
-/// The settings with which the stacks were made.
-const SETTINGS: &str = "calibration/settings.txt";
 
 /// Allowed depths, um.
 const DEPTHS_UM: std::ops::RangeInclusive<f64> = -1e6..=1e6;
@@ -87,7 +85,7 @@ pub(super) struct Origin {
 /// # Errors
 /// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
 /// dataset's folder, or a particle closer than 4 px to the edge of its image.
-pub(super) fn read_field(dataset: &Path) -> Result<Vec<PlaceStacks>> {
+pub(super) fn read_field(dataset: &DatasetPlace) -> Result<Vec<PlaceStacks>> {
     let (size, stacks) = table(dataset)?;
     let has_places = stacks.iter().any(|rows| rows[0].place != stacks[0][0].place);
     let mut places: Vec<(u32, PlaceStacks)> = Vec::new();
@@ -107,23 +105,23 @@ pub(super) fn read_field(dataset: &Path) -> Result<Vec<PlaceStacks>> {
 ///
 /// # Errors
 /// As [`read_field`].
-pub(super) fn read(dataset: &Path) -> Result<Vec<Vec<CalibrationImage>>> {
+pub(super) fn read(dataset: &DatasetPlace) -> Result<Vec<Vec<CalibrationImage>>> {
     let (size, stacks) = central(dataset)?;
     stacks.into_iter().map(|rows| images(dataset, rows, size)).collect()
 }
 
-fn images(dataset: &Path, rows: Vec<Row>, size: (u32, u32)) -> Result<Vec<CalibrationImage>> {
+fn images(dataset: &DatasetPlace, rows: Vec<Row>, size: (u32, u32)) -> Result<Vec<CalibrationImage>> {
     let image = |row: Row| {
-        let image = read_image(&dataset.join(&row.image), size)?;
+        let image = read_image(dataset, &row.image, size)?;
         Ok(CalibrationImage { z_um: row.z_um, at: row.at, image })
     };
     rows.into_iter().map(image).collect()
 }
 
 /// Size of the images (px), and the rows of the stacks nearest to the middle of the field of view.
-fn central(dataset: &Path) -> Result<Stacks> {
+fn central(dataset: &DatasetPlace) -> Result<Stacks> {
     let (size, mut stacks) = table(dataset)?;
-    let sensor = Manifest::read(dataset).ok().and_then(|manifest| manifest.microsig.sensor);
+    let sensor = dataset.manifest().ok().and_then(|manifest| manifest.microsig.sensor);
     let middle = sensor.map_or([0.0; 2], |s| [s.width_px, s.height_px].map(|n| 0.5 * (f64::from(n) - 1.0)));
     let away = |rows: &Vec<Row>| (rows[0].place_at[0] - middle[0]).hypot(rows[0].place_at[1] - middle[1]);
     let nearest = stacks.iter().min_by(|a, b| away(a).total_cmp(&away(b))).map(|rows| rows[0].place);
@@ -158,42 +156,36 @@ pub(super) fn usable_sizes<T>(sizes: impl Iterator<Item = Result<T>>) -> Result<
 /// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
 /// dataset's folder, or a particle closer than 4 px to the edge of its image.
 pub fn check(dataset: &Path) -> Result<usize> {
-    Ok(read_field(dataset)?.iter().flat_map(|place| &place.sizes).map(Vec::len).sum())
+    Ok(read_field(&dataset.into())?.iter().flat_map(|place| &place.sizes).map(Vec::len).sum())
 }
 
 /// Reads the settings and optics of the stacks, and the diameter and depths of the particle of each.
 ///
 /// # Errors
 /// As [`read`]; a data file without a particle.
-pub(super) fn origins(dataset: &Path) -> Result<Vec<Origin>> {
-    let manifest = Manifest::read(dataset)?.microsig;
+pub(super) fn origins(dataset: &DatasetPlace) -> Result<Vec<Origin>> {
+    let manifest = dataset.manifest()?.microsig;
     if manifest.kind.as_deref() == Some(RECORDING) && manifest.renderer.is_none() {
         return Err(Error::input(format!(
             "{}: a recording without a model of its optics, which this method needs; `microsig fit` finds them from the scan, \
              `microsig import --optics` puts them in; `ncc` needs no model",
-            dataset.display()
+            dataset.shown("")
         )));
     }
     let (_, stacks) = central(dataset)?;
     stacks.iter().map(|rows| origin(dataset, rows)).collect()
 }
 
-fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
+fn origin(dataset: &DatasetPlace, rows: &[Row]) -> Result<Origin> {
     let particle = |row: &Row| {
-        let path = if row.particles.is_empty() {
-            // A table made by hand: the data file is named after the image.
-            let image = Path::new(&row.image);
-            let below = image.strip_prefix("calibration/images").ok();
-            let name = below.or(image.file_name().map(Path::new)).unwrap_or(image).with_extension("txt");
-            dataset.join("calibration/particles").join(name)
-        } else {
-            dataset.join(&row.particles)
-        };
-        let file = input::open(&path)?;
-        let particles = data_file::read(file, &path.display().to_string())?;
-        particles.into_iter().next().ok_or_else(|| {
-            Error::input(format!("{}: no particle; expected that of the calibration image", path.display()))
-        })
+        if !row.particles.is_empty() {
+            return dataset.calibration_particle(&row.particles);
+        }
+        // A table made by hand: the data file is named after the image.
+        let image = Path::new(&row.image);
+        let below = image.strip_prefix("calibration/images").ok();
+        let name = below.or(image.file_name().map(Path::new)).unwrap_or(image).with_extension("txt");
+        dataset.calibration_particle(&format!("calibration/particles/{}", name.display()))
     };
     let (low, high) = (&rows[0], &rows[rows.len() - 1]);
     let (first, last) = (particle(low)?, particle(high)?);
@@ -201,14 +193,14 @@ fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
     if !depth_factor.is_finite() || depth_factor <= 0.0 {
         return Err(Error::input(format!(
             "{}: depths from {} to {} um, but {} to {} um in the data files; expected both to increase",
-            dataset.join("calibration").display(),
+            dataset.shown("calibration"),
             low.z_um,
             high.z_um,
             first.z_um,
             last.z_um
         )));
     }
-    let facts = Manifest::read(dataset)?.microsig;
+    let facts = dataset.manifest()?.microsig;
     let (waves, over_field) = (facts.waves.map(|waves| waves.optics()), facts.optics.unwrap_or_default());
     let largest = waves.as_ref().map_or(1.0, |waves| waves.lens.largest_aperture(waves.layers.as_ref()));
     let zero_um = low.z_um - depth_factor * first.z_um;
@@ -226,24 +218,23 @@ fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
 
 /// The settings of the stack. The numerical aperture is less than `largest`, the refractive index of the
 /// immersion, which is in the manifest only.
-fn settings(dataset: &Path, largest: f64) -> Result<Settings> {
-    let path = dataset.join(SETTINGS);
-    let file = input::open(&path)?;
-    Ok(settings_file::read_immersed(file, &path.display().to_string(), largest)?.settings)
+fn settings(dataset: &DatasetPlace, largest: f64) -> Result<Settings> {
+    let missing = || format!("{}: missing", dataset.shown("calibration/settings.txt"));
+    dataset.calibration_settings(largest)?.ok_or_else(|| Error::input(missing()))
 }
 
 /// Size of images (px), and the rows of each stack.
 type Stacks = ((u32, u32), Vec<Vec<Row>>);
 
 /// Size of the images (px) and, for each size of particles, validated rows of the table sorted by depth.
-fn table(dataset: &Path) -> Result<Stacks> {
-    let table = dataset.join(CalibrationRow::PATH);
-    if !table.is_file() {
+fn table(dataset: &DatasetPlace) -> Result<Stacks> {
+    let table = dataset.shown(CalibrationRow::PATH);
+    if !dataset.has_calibration()? {
         let hint = "missing; this method needs the calibration stack of the dataset";
-        return Err(Error::input(format!("{}: {hint}", table.display())));
+        return Err(Error::input(format!("{table}: {hint}")));
     }
-    let size = image_size(dataset, &table)?;
-    let wrong = |message: String| Err(Error::input(format!("{}: {message}", table.display())));
+    let size = image_size(dataset)?;
+    let wrong = |message: String| Err(Error::input(format!("{table}: {message}")));
     let least = LEAST_SIDE;
     if size.0.min(size.1) < least {
         return wrong(format!(
@@ -251,7 +242,7 @@ fn table(dataset: &Path) -> Result<Stacks> {
             size.0, size.1
         ));
     }
-    let mut rows = rows(&table, size)?;
+    let mut rows = rows(dataset, size)?;
     rows.sort_by(|a, b| {
         a.place.cmp(&b.place).then(a.d_um.total_cmp(&b.d_um)).then(a.z_um.total_cmp(&b.z_um))
     });
@@ -284,21 +275,23 @@ fn table(dataset: &Path) -> Result<Stacks> {
 }
 
 /// Size of the images, px: that of the settings, or that of the first image if no optics are known.
-fn image_size(dataset: &Path, table: &Path) -> Result<(u32, u32)> {
-    if dataset.join(SETTINGS).exists() {
-        // The size does not depend on the immersion, whose refractive index is below 2.
-        let settings = settings(dataset, 2.0)?;
+fn image_size(dataset: &DatasetPlace) -> Result<(u32, u32)> {
+    // The size does not depend on the immersion, whose refractive index is below 2.
+    if let Some(settings) = dataset.calibration_settings(2.0)? {
         return Ok((settings.pixel_dim_x, settings.pixel_dim_y));
     }
     let mut first = None;
-    TableReader::open(table)?.rows(&["image"], |_, row: CalibrationRow| {
+    dataset.calibration_rows(&["image"], |_, row| {
         if first.is_none() {
-            first = Some(below("image", &row.image)?.to_owned());
+            below("image", &row.image)?;
+            first = Some(row.image);
         }
         Ok(())
     })?;
-    let Some(image) = first else { return Ok((LEAST_SIDE, LEAST_SIDE)) };
-    let path = dataset.join(image);
+    let (Some(image), DatasetPlace::Folder(folder)) = (first, dataset) else {
+        return Ok((LEAST_SIDE, LEAST_SIDE));
+    };
+    let path = folder.join(image);
     let file = BufReader::new(input::open(&path)?);
     Ok(tiff::size(file, &path.display().to_string())?)
 }
@@ -313,9 +306,9 @@ fn below<'a>(column: &str, path: &'a str) -> std::result::Result<&'a Path, Strin
 }
 
 /// The rows of the table, validated against the size of the images.
-fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
+fn rows(dataset: &DatasetPlace, size: (u32, u32)) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
-    TableReader::open(table)?.rows(&["z_um", "x_px", "y_px", "image"], |line, row: CalibrationRow| {
+    dataset.calibration_rows(&["z_um", "x_px", "y_px", "image"], |line, row| {
         let CalibrationRow { z_um, image, particles, .. } = row;
         if !DEPTHS_UM.contains(&z_um) {
             return Err(format!("z_um = {z_um}: expected -1e6 to 1e6"));
@@ -352,6 +345,7 @@ mod tests {
     use std::fmt::Write;
 
     use super::*;
+    use microsig_core::formats::settings_file;
 
     /// The messages for a stack of 21 x 21 px whose table has these rows.
     fn said(rows: &[&str]) -> String {
@@ -363,7 +357,7 @@ mod tests {
         let mut table = "step,z_um,x_px,y_px,image\n".to_owned();
         rows.iter().for_each(|row| writeln!(table, "{row}").unwrap());
         std::fs::write(folder.path().join(CalibrationRow::PATH), table).unwrap();
-        read(folder.path()).unwrap_err().to_string()
+        read(&folder.path().into()).unwrap_err().to_string()
     }
 
     #[test]

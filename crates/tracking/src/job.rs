@@ -1,7 +1,6 @@
 //! A run of a tracker on a dataset: frames in parallel, progress, timing, warnings.
 
 use std::collections::HashMap;
-use std::path::Path;
 use std::sync::Mutex;
 
 use rayon::prelude::*;
@@ -11,12 +10,13 @@ use super::gray_image::GrayImage;
 use super::output::{DisplacementVector, Output, Row};
 use super::recording::Recording;
 use super::{Localization, TrackOptions, link};
+use generator::runner::DatasetPlace;
 use storage::error::Result;
 
 /// A dataset and the options of the tracker.
 #[derive(Debug)]
 pub(super) struct Job<'a> {
-    pub(super) dataset: &'a Path,
+    pub(super) dataset: &'a DatasetPlace,
     pub(super) options: &'a TrackOptions,
     pub(super) recording: Recording,
     log: Mutex<Log>,
@@ -31,7 +31,7 @@ struct Log {
 }
 
 impl<'a> Job<'a> {
-    pub(super) fn new(dataset: &'a Path, options: &'a TrackOptions) -> Result<Self> {
+    pub(super) fn new(dataset: &'a DatasetPlace, options: &'a TrackOptions) -> Result<Self> {
         Ok(Job { dataset, options, recording: Recording::open(dataset)?, log: Mutex::default() })
     }
 
@@ -127,8 +127,8 @@ impl<'a> Job<'a> {
         let beyond = self.recording.max_displacement_px().filter(|moved_px| *moved_px > range_px);
         if let Some(moved_px) = beyond {
             self.warn(format!(
-                "particles of this dataset move by up to {moved_px:.1} px from frame to frame, and --max-displacement is \
-                 {range_px} px: links are missed or wrong; try --max-displacement {}",
+                "particles of this dataset move by up to {moved_px:.1} px from frame to frame, and are searched for \
+                 within {range_px} px: links are missed or wrong; try a maximum displacement of {} px",
                 moved_px.ceil()
             ));
         }
@@ -162,7 +162,7 @@ impl<'a> Job<'a> {
         if self.recording.frames() > 1 && rows.len() >= MANY && share < LEAST_LINKED {
             self.warn(format!(
                 "only {linked} of {} particles are found again in another frame; check whether they move by more than \
-                 --max-displacement ({} px) or leave the image",
+                 the maximum displacement ({} px) or leave the image",
                 rows.len(),
                 self.options.max_displacement_px
             ));

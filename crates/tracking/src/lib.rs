@@ -52,11 +52,13 @@ use microsig_core::render::Context;
 use serde::Serialize;
 
 use dataset::Columns;
-use generator::runner::Progress;
+use generator::runner::{DatasetPlace, Progress};
 use job::Job;
 use output::Output;
+use storage::advice::{Advice, flag, option};
 use storage::error::{Error, Result};
-use storage::{NumberRange, OutputFile};
+use storage::range::faults;
+use storage::{NumberRange, OutputFile, advice};
 
 /// A tracking method.
 #[derive(Debug)]
@@ -129,9 +131,9 @@ pub struct TrackOptions {
     /// Diameter of a particle image (`spots`), px.
     pub diameter_px: f64,
     /// Standard deviation of the noise that `truth-noise` adds in x and y, px.
-    pub noise_px: f64,
+    pub noise_xy_px: f64,
     /// Standard deviation of the noise that `truth-noise` adds in z, um.
-    pub noise_um: f64,
+    pub noise_z_um: f64,
     /// Seed of that noise.
     pub seed: u64,
     /// Whether to replace an existing result.
@@ -151,18 +153,39 @@ impl TrackOptions {
     pub const MAX_DISPLACEMENT_PX: f64 = 15.0;
     /// Default of `diameter_px`.
     pub const DIAMETER_PX: f64 = 3.0;
-    /// Default of `noise_px`.
+    /// Default of `noise_xy_px`.
     pub const NOISE_PX: f64 = 0.1;
-    /// Default of `noise_um`.
+    /// Default of `noise_z_um`.
     pub const NOISE_UM: f64 = 1.0;
 
-    /// The allowed values: of `max_displacement_px`, `diameter_px`, `noise_px` and `noise_um`.
+    /// The allowed values: of `max_displacement_px`, `diameter_px`, `noise_xy_px` and `noise_z_um`.
     pub const RANGES: [NumberRange; 4] = [
         NumberRange { key: "max_displacement_px", least: 0.001, most: 1e5, unit: "px" },
         NumberRange { key: "diameter_px", least: 0.5, most: 1e3, unit: "px" },
-        NumberRange { key: "noise_px", least: 0.0, most: 1e3, unit: "px" },
-        NumberRange { key: "noise_um", least: 0.0, most: 1e3, unit: "um" },
+        NumberRange { key: "noise_xy_px", least: 0.0, most: 1e3, unit: "px" },
+        NumberRange { key: "noise_z_um", least: 0.0, most: 1e3, unit: "um" },
     ];
+
+    /// Refuses values out of range, an unknown method and options of other methods.
+    ///
+    /// # Errors
+    /// All of them.
+    fn check(&self) -> Result<&'static Method> {
+        let method = method(&self.method)?;
+        let [displacement, diameter, noise_xy, noise_z] = Self::RANGES;
+        let mut wrong = faults(&[
+            (Some(self.max_displacement_px), displacement),
+            (Some(self.diameter_px), diameter),
+            (Some(self.noise_xy_px), noise_xy),
+            (Some(self.noise_z_um), noise_z),
+        ]);
+        if self.ensemble && method.name != "piv" {
+            let (ensemble, piv) = (flag("ensemble"), option("method").is("piv"));
+            wrong.push(advice!(ensemble, ": expected with ", piv, format!(", not {}", method.name)));
+        }
+        wrong.extend(self.shape.faults(method.name));
+        if wrong.is_empty() { Ok(method) } else { Err(Error::Options(wrong)) }
+    }
 
     /// The defaults of a method.
     pub fn of(method: &str, progress: Progress) -> Self {
@@ -170,8 +193,8 @@ impl TrackOptions {
             method: method.to_owned(),
             max_displacement_px: Self::MAX_DISPLACEMENT_PX,
             diameter_px: Self::DIAMETER_PX,
-            noise_px: Self::NOISE_PX,
-            noise_um: Self::NOISE_UM,
+            noise_xy_px: Self::NOISE_PX,
+            noise_z_um: Self::NOISE_UM,
             seed: 0,
             force: false,
             ensemble: false,
@@ -257,19 +280,16 @@ impl ParticleShape {
     /// The allowed aspect ratios.
     pub const ASPECTS: NumberRange = NumberRange { key: "aspect_ratio", least: 0.1, most: 10.0, unit: "" };
 
-    /// Refuses spheroids for methods other than `ncc` and `mle`, and aspect ratios out of range.
-    fn check(self, method: &str) -> Result<()> {
-        let ParticleShape::Spheroid { aspect } = self else { return Ok(()) };
+    /// Spheroids for methods other than `ncc` and `mle`, and aspect ratios out of range.
+    fn faults(self, method: &str) -> Option<Advice> {
+        let ParticleShape::Spheroid { aspect } = self else { return None };
         if !["ncc", "mle"].contains(&method) {
-            return Err(Error::input(format!(
-                "shape spheroid: expected with method ncc or mle, not {method}"
-            )));
+            let (shape, ncc) = (option("shape").is("spheroid"), option("method").is("ncc"));
+            return Some(advice!(shape, ": expected with ", ncc, format!(" or mle, not {method}")));
         }
         match aspect {
-            AspectRatio::Given(aspect) if !Self::ASPECTS.allows(aspect) => {
-                Err(Error::input(format!("aspect ratio {aspect}: expected {}", Self::ASPECTS)))
-            }
-            _ => Ok(()),
+            AspectRatio::Given(aspect) => Self::ASPECTS.fault(aspect),
+            _ => None,
         }
     }
 }
@@ -281,10 +301,10 @@ impl ParticleShape {
 pub fn track(dataset: &Path, out: impl Into<OutputFile>, options: &TrackOptions) -> Result<Tracked> {
     let out = out.into();
     let start = Instant::now();
-    let method = method(&options.method)?;
-    options.shape.check(method.name)?;
+    let method = options.check()?;
     out.may_write(options.force)?;
-    let job = Job::new(dataset, options)?;
+    let place = dataset.into();
+    let job = Job::new(&place, options)?;
     let table = (method.run)(&job)?.columns();
     out.save(options.force, table.csv())?;
     let frames = job.recording.frames();
@@ -307,9 +327,8 @@ pub fn track(dataset: &Path, out: impl Into<OutputFile>, options: &TrackOptions)
 ///
 /// # Errors
 /// An unknown method, a dataset without what the method needs.
-pub fn result(dataset: &Path, options: &TrackOptions) -> Result<(Columns, Vec<String>)> {
-    let method = method(&options.method)?;
-    options.shape.check(method.name)?;
+pub fn result(dataset: &DatasetPlace, options: &TrackOptions) -> Result<(Columns, Vec<String>)> {
+    let method = options.check()?;
     let job = Job::new(dataset, options)?;
     let table = (method.run)(&job)?.columns();
     Ok((table, job.into_messages().0))

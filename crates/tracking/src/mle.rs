@@ -6,7 +6,6 @@
 //! that of the nearest of a grid of places. Particles are spheres with the diameter of a calibration particle and any brightness. The calibration
 //! stacks provide the counts per ray and the camera noise.
 
-use dataset::manifest::Manifest;
 use glam::DVec3;
 use microsig_core::optics::FieldOptics;
 use microsig_core::render::{Context, Gradient, RenderMethod, Renderer, RendererSpec, Window};
@@ -83,7 +82,7 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
     let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
-    let sensor = Manifest::read(job.dataset)?.microsig.sensor;
+    let sensor = job.dataset.manifest()?.microsig.sensor;
     let sensor = sensor.map(|sensor| [sensor.width_px, sensor.height_px]);
     let (mut search, mut images) = (Vec::<Vec<Templates>>::new(), Vec::new());
     let origins = calibration::origins(job.dataset)?;
@@ -115,12 +114,10 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
         job.warn("spheroids are taken to have the largest of the calibrated diameters");
     }
     let (Some(stack), Some(origin)) = (stacks.into_iter().next_back(), origins.pop()) else {
-        return Err(Error::input("mle --shape spheroid: expected a calibration stack".to_owned()));
+        return Err(Error::input("mle of spheroids: expected a calibration stack"));
     };
     if origin.over_field.field.is_some_and(|field| field != FieldOptics::default()) {
-        return Err(Error::input(
-            "mle --shape spheroid: optics that vary over the field are not supported".to_owned(),
-        ));
+        return Err(Error::input("mle of spheroids: optics that vary over the field are not supported"));
     }
     let (side, depths_um) = (stack.images[0].width, stack.depths_um.clone());
     let (templates, sphere) = of_size(job, stack, &origin, None)?;

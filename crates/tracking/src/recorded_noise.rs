@@ -1,10 +1,9 @@
 //! Noise of the frames of a recording, from its manifest: the stacks of a recording are averages, whose noise
 //! tells nothing about that of a frame.
 
-use std::path::Path;
-
 use super::denoise::PixelNoise;
-use dataset::manifest::{Manifest, RECORDING};
+use dataset::manifest::RECORDING;
+use generator::runner::DatasetPlace;
 use storage::error::Result;
 
 /// Noise of a recording.
@@ -21,8 +20,8 @@ impl RecordedNoise {
     ///
     /// # Errors
     /// A manifest that cannot be read.
-    pub(super) fn read(dataset: &Path) -> Result<Option<Self>> {
-        let facts = Manifest::read(dataset)?.microsig;
+    pub(super) fn read(dataset: &DatasetPlace) -> Result<Option<Self>> {
+        let facts = dataset.manifest()?.microsig;
         let Some(noise) = facts.noise.filter(|_| facts.kind.as_deref() == Some(RECORDING)) else {
             return Ok(None);
         };

@@ -1,48 +1,37 @@
 //! The part of a dataset that is available to trackers.
 
 use std::collections::BTreeSet;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
-
-use microsig_core::formats::tiff;
 
 use super::gray_image::GrayImage;
 use dataset::RecordingFacts;
+use generator::runner::DatasetPlace;
 use storage::error::{Error, Result};
-use storage::input;
 
 /// The images of a dataset.
 #[derive(Debug)]
 pub(super) struct Recording {
-    images: Vec<PathBuf>,
+    place: DatasetPlace,
+    /// Paths of the images.
+    images: Vec<String>,
     size: (u32, u32),
     facts: RecordingFacts,
 }
 
 impl Recording {
     /// Lists the images of a dataset or of a split of a challenge.
-    pub(super) fn open(dataset: &Path) -> Result<Self> {
-        let facts = RecordingFacts::read(dataset)?;
+    pub(super) fn open(place: &DatasetPlace) -> Result<Self> {
+        let facts = place.facts()?;
         let Some((width, height)) = facts.sensor_px else {
-            return Err(Error::input(format!(
-                "{}: the manifest lacks the size of the sensor",
-                dataset.display()
-            )));
+            let what = "the manifest lacks the size of the sensor";
+            return Err(Error::input(format!("{}: {what}", place.shown(""))));
         };
-        let folder = dataset.join("images");
-        let mut images = Vec::new();
-        for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
-            let path = entry.map_err(|e| Error::read(&folder, e))?.path();
-            if path.extension().is_some_and(|e| e == "tif") {
-                images.push(path);
-            }
+        let mut images: Vec<String> = facts.images.iter().map(|name| format!("images/{name}")).collect();
+        if let DatasetPlace::Folder(folder) = place {
+            check_images(&folder.join("images"), &facts.images)?;
+            images.sort_by(|a, b| natord::compare(a, b));
         }
-        if images.is_empty() {
-            return Err(Error::input(format!("{}: expected images (*.tif), found none", folder.display())));
-        }
-        check_names(&folder, &images, &facts.images)?;
-        images.sort_by(|a, b| natord::compare(&a.to_string_lossy(), &b.to_string_lossy()));
-        Ok(Recording { images, size: (width as u32, height as u32), facts })
+        Ok(Recording { place: place.clone(), images, size: (width as u32, height as u32), facts })
     }
 
     pub(super) fn frames(&self) -> usize {
@@ -79,7 +68,7 @@ impl Recording {
     }
 
     pub(super) fn frame(&self, index: usize) -> Result<GrayImage> {
-        read_image(&self.images[index], self.size)
+        read_image(&self.place, &self.images[index], self.size)
     }
 
     /// The image pairs: number and first frame of each.
@@ -90,8 +79,18 @@ impl Recording {
     }
 }
 
-/// Checks the images against the manifest: missing or additional images would shift the frames.
-fn check_names(folder: &Path, images: &[PathBuf], listed: &[String]) -> Result<()> {
+/// Checks the images in a folder against the manifest: missing or additional images would shift the frames.
+fn check_images(folder: &Path, listed: &[String]) -> Result<()> {
+    let mut images: Vec<PathBuf> = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {
+        let path = entry.map_err(|e| Error::read(folder, e))?.path();
+        if path.extension().is_some_and(|e| e == "tif") {
+            images.push(path);
+        }
+    }
+    if images.is_empty() {
+        return Err(Error::input(format!("{}: expected images (*.tif), found none", folder.display())));
+    }
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let found: BTreeSet<String> = images.iter().map(name).collect();
     let listed: BTreeSet<String> = listed.iter().cloned().collect();
@@ -120,12 +119,11 @@ fn check_names(folder: &Path, images: &[PathBuf], listed: &[String]) -> Result<(
 }
 
 /// Reads an image of this size (px).
-pub(super) fn read_image(path: &Path, (width, height): (u32, u32)) -> Result<GrayImage> {
-    let file = BufReader::new(input::open(path)?);
-    let counts = tiff::read(file, &path.display().to_string(), (width, height))?;
+pub(super) fn read_image(place: &DatasetPlace, path: &str, (width, height): (u32, u32)) -> Result<GrayImage> {
+    let counts = place.image(path, (width, height))?;
     Ok(GrayImage {
         width: width as usize,
         height: height as usize,
-        counts: counts.into_iter().map(|c| c as f32).collect(),
+        counts: counts.values().map(|count| count as f32).collect(),
     })
 }

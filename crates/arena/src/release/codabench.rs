@@ -19,6 +19,8 @@ use super::about::ReleaseTexts;
 use super::submission;
 use crate::package::Package;
 use scoring::ranking::{Better, SCORES, ScoreDef, Subject};
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 use storage::{OutputFolder, TemporaryFolder};
 
@@ -74,7 +76,8 @@ pub(super) fn write(
     if let Some(wheel) = wheel {
         let name = wheel.file_name().unwrap_or_default().to_string_lossy();
         if !wheel.is_file() || !name.ends_with(".whl") {
-            return Err(Error::input(format!("--wheel {}: expected a Python wheel (.whl)", wheel.display())));
+            let what = advice!(option("wheel").of(wheel.display()), ": expected a Python wheel (.whl)");
+            return Err(Error::option(what));
         }
         program.copy(&name, wheel.to_owned());
     }

@@ -8,6 +8,8 @@ use std::path::Path;
 
 use super::{MARK, ReleaseOptions};
 use dataset::manifest::MANIFEST;
+use storage::advice;
+use storage::advice::flag;
 use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, check_replaceable};
@@ -27,9 +29,16 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions, version: &str) 
         return belongs(dataset, options, version).map(|()| true);
     }
     if !(options.force && options.new_keys) {
-        let hint = "is a challenge with its secret key: --resume leaves it unchanged, --force --new-keys replaces it by another \
-             one, for which nothing that has been published of it holds";
-        return Err(Error::Exists { path: out.clone(), hint: storage::advice!(hint) });
+        let hint = advice!(
+            "is a challenge with its secret key: ",
+            flag("resume"),
+            " leaves it unchanged, ",
+            flag("force"),
+            " with ",
+            flag("new_keys"),
+            " replaces it by another one, for which nothing that has been published of it holds"
+        );
+        return Err(Error::Exists { path: out.clone(), hint });
     }
     check_replaceable(out, Earlier::new(MARK, true)).map(|()| false)
 }
@@ -39,8 +48,12 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions, version: &str) 
 fn belongs(dataset: &Path, options: &ReleaseOptions, version: &str) -> Result<()> {
     let out = &options.out;
     let refuse = |what: &str| {
-        let hint = "cannot resume; --force --new-keys replaces the challenge and its secret key";
-        Err(Error::input(format!("{}: {what}; {hint}", out.display())))
+        let (force, keys) = (flag("force"), flag("new_keys"));
+        let how = " replaces the challenge and its secret key";
+        Err(Error::Exists {
+            path: out.clone(),
+            hint: advice!(what, "; cannot resume; ", force, " with ", keys, how),
+        })
     };
     let manifest = storage::read_text(&out.join("public").join(MANIFEST))?;
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();

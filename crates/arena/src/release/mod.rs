@@ -52,6 +52,8 @@ use scenario::Scenario;
 use scenario::license::LICENSE;
 use splits::Train;
 use storage::OutputFolder;
+use storage::advice;
+use storage::advice::option;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial};
@@ -137,8 +139,8 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let round = rounds.last().map_or(1, |last| last.round + 1);
     let version = options.about.version.clone().unwrap_or_else(|| format!("{round}.0.0"));
     if let Some(same) = rounds.iter().find(|of| of.version == version) {
-        let what = format!("--release-version {version}: is that of round {}", same.round);
-        return Err(Error::input(what));
+        let what = format!(": is that of round {}", same.round);
+        return Err(Error::option(advice!(option("release_version").of(version), what)));
     }
     if existing::is_there(dataset, options, &version)? {
         return Ok(None);
@@ -209,13 +211,13 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     if options.fields && is_flow_known {
         warnings.push(
             "the train split reveals the velocity field of the test split, which does not depend on random numbers; fields are scored \
-            nevertheless, as README.md states; --test-set can give the test split a different flow"
+            nevertheless, as README.md states; a different flow can be set for the test split"
                 .to_owned(),
         );
     } else if is_flow_known {
         warnings.push(
             "the train split reveals the velocity field of the test split, which does not depend on random numbers; submissions of fields are \
-            refused; --test-set can give the test split a different flow"
+            refused; a different flow can be set for the test split"
                 .to_owned(),
         );
     }
@@ -239,7 +241,7 @@ fn compare(train: &Path, test: &Path) -> Result<bool> {
         return Err(Error::input(format!(
             "{}: {:.1} % of the tracks of the test split coincide with tracks of the train split, {:.1} % would coincide by chance: \
              the seeding hardly depends on random numbers, so train reveals the truth of test; use a random seeding, or \
-             --test-set particles.seeding...",
+             another one for the test split",
             train.display(),
             100.0 * shared.found / shared.tracks as f64,
             100.0 * shared.by_chance / shared.tracks as f64

@@ -19,6 +19,8 @@ use super::deadline::{Deadline, UNTIL};
 use super::rounds::PublicManifest;
 use super::{COMMITMENT, SALT};
 use crate::package::Package;
+use storage::advice;
+use storage::advice::flag;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
@@ -47,6 +49,9 @@ pub struct Revealed {
     pub deadline: Option<String>,
     /// The commitment that the truth matches.
     pub commitment: String,
+    /// Warning of a file system without locks.
+    #[serde(skip)]
+    pub warning: Option<String>,
 }
 
 /// Writes the truth of a challenge into a folder, after checking it against the published commitment.
@@ -58,7 +63,10 @@ pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     let earlier = Earlier::new(COMMITMENT, options.force);
     check_replaceable(&options.out, earlier)?;
     let PublicManifest { name, facts, .. } = PublicManifest::read(challenge)?;
-    let refuse = |what: String| Err(Error::input(format!("{}: {what}", challenge.display())));
+    let refuse = |why: String, hint: &str| {
+        let what = format!("{}: {why}; ", challenge.display());
+        Err(Error::option(advice!(what, flag("early"), hint)))
+    };
     let deadline: Option<Deadline> =
         facts.deadline.as_deref().map(str::parse).transpose().map_err(|what: String| {
             Error::input(format!("{}: microsig.deadline: {what}", challenge.display()))
@@ -66,14 +74,12 @@ pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     match deadline {
         _ if options.early => {}
         None => {
-            return refuse(
-                "states no deadline; --early publishes the truth, after which no result is blind".to_owned(),
-            );
+            let hint = " publishes the truth, after which no result is blind";
+            return refuse("states no deadline".to_owned(), hint);
         }
         Some(deadline) if !deadline.has_passed(options.now) => {
-            return refuse(format!(
-                "its deadline is {deadline} ({UNTIL}); --early publishes the truth nevertheless, after which no result is blind"
-            ));
+            let hint = " publishes the truth nevertheless, after which no result is blind";
+            return refuse(format!("its deadline is {deadline} ({UNTIL})"), hint);
         }
         Some(_) => {}
     }
@@ -86,12 +92,14 @@ pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     let commitment = checksums::fingerprint_after(&drawn, &truth)?.sha256.to_string();
     let is_promised = published.split_whitespace().next() == Some(&commitment);
     if !is_promised || facts.commitment_sha256 != commitment {
-        return refuse(format!(
+        let what = format!(
             "withheld/{SALT} and withheld/{archive} do not match public/{COMMITMENT}: they are not the truth that was promised"
-        ));
+        );
+        return Err(Error::input(format!("{}: {what}", challenge.display())));
     }
 
     let partial = Partial::start(&options.out)?;
+    let warning = partial.warning().map(str::to_owned);
     let folder = partial.folder();
     let mut package = Package::default();
     package.write(SALT, drawn);
@@ -104,7 +112,7 @@ pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     folder.save_bytes(SHA256SUMS, sums)?;
     partial.finish(earlier)?;
     let deadline = deadline.map(|deadline| deadline.to_string());
-    Ok(Revealed { out: options.out.clone(), name, deadline, commitment })
+    Ok(Revealed { out: options.out.clone(), name, deadline, commitment, warning })
 }
 
 /// `README.md`.

@@ -12,6 +12,8 @@ use super::deadline::{Deadline, UNTIL};
 use super::{ReleaseOptions, existing};
 use dataset::manifest::MANIFEST;
 use generator::dataset::secret::KEY_FILE;
+use storage::advice;
+use storage::advice::option;
 use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
 
@@ -83,8 +85,8 @@ pub(super) fn before(options: &ReleaseOptions) -> Result<Vec<Round>> {
     let Some(after) = &options.after else { return Ok(Vec::new()) };
     let same = after.canonicalize().ok().zip(options.out.canonicalize().ok());
     if same.is_some_and(|(after, out)| after == out) {
-        let hint = "is the folder of the new round; expected another one, because each round keeps its key and truth";
-        return Err(Error::input(format!("--after {}: {hint}", after.display())));
+        let hint = ": is the folder of the new round; expected another one, because each round keeps its key and truth";
+        return Err(Error::option(advice!(option("after").of(after.display()), hint)));
     }
     until(after)
 }

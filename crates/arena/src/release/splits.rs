@@ -16,6 +16,8 @@ use generator::runner::Progress;
 use generator::runner::verify;
 use scenario::spec::{Calibration, Motion, Number};
 use scenario::{self, Scenario, Split, assignment, reseeded, resolve, set, sized};
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 
 /// Sections of the scenario that may differ in the test split; they are withheld from participants.
@@ -62,9 +64,9 @@ impl Train {
         for assigned in &options.test_set {
             let (path, value) = assignment(assigned)?;
             if !HIDDEN.iter().any(|part| path.starts_with(part)) {
-                return Err(Error::input(format!(
-                    "--test-set {assigned}: expected a key of motion or particles; all other keys are known to participants"
-                )));
+                let what =
+                    ": expected a key of motion or particles; all other keys are known to participants";
+                return Err(Error::option(advice!(option("test_set").of(assigned), what)));
             }
             spec = set(&spec, path, value)?;
         }

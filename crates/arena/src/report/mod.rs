@@ -53,6 +53,15 @@ pub fn check(out: &Path, force: bool) -> Result<Earlier> {
     Ok(earlier)
 }
 
+/// The folder of an evaluation.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WrittenReport {
+    /// Its files.
+    pub files: Vec<PathBuf>,
+    /// Warning of a file system without locks.
+    pub warning: Option<String>,
+}
+
 /// Writes the folder of an evaluation: `score.json`, `units.json`, `per_frame.csv`, `curves.csv`,
 /// `matches.csv` of particles, `vectors.csv` of a field, and `report.html` if asked for.
 ///
@@ -61,12 +70,13 @@ pub fn check(out: &Path, force: bool) -> Result<Earlier> {
 ///
 /// # Errors
 /// An existing folder, unless `force`; an I/O error.
-pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Result<Vec<PathBuf>> {
+pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Result<WrittenReport> {
     let earlier = check(out, force)?;
     let partial = Partial::start(out)?;
+    let warning = partial.warning().map(str::to_owned);
     let names = write_into(partial.folder(), evaluation, html)?;
     partial.finish(earlier)?;
-    Ok(names.iter().map(|n| out.join(n)).collect())
+    Ok(WrittenReport { files: names.iter().map(|n| out.join(n)).collect(), warning })
 }
 
 /// Writes the files of an evaluation into a folder that exists; returns their names.

@@ -57,6 +57,9 @@ pub struct SuiteScores {
     pub standings: Vec<Standing>,
     /// Every case with the results of all trackers that have entered its track.
     pub cases: Vec<CaseScores>,
+    /// Warning of a file system without locks.
+    #[serde(skip)]
+    pub warning: Option<String>,
 }
 
 /// Results for a case.
@@ -209,6 +212,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
         microsig: GENERATOR_VERSION.to_owned(),
         standings: standings(suite, &all),
         cases: all,
+        warning: partial.warning().map(str::to_owned),
     };
     let csv = table::csv(&scores)?;
     partial.folder().save_bytes(SUITE_SCORES_CSV, &csv)?;

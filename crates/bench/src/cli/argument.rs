@@ -3,20 +3,11 @@
 use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use storage::{InputFile, NumberRange, OutputFile};
+use storage::{InputFile, OutputFile};
 
 /// A seed.
 pub(super) fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("expected an integer from 0 to {}", u64::MAX))
-}
-
-/// What is wrong with those of these options (name, value, allowed values) that are given.
-pub(super) fn out_of_range(options: &[(&str, Option<f64>, &NumberRange)]) -> Vec<String> {
-    let wrong = options.iter().filter_map(|(name, value, range)| {
-        let value = value.filter(|value| !range.allows(*value))?;
-        Some(format!("--{name} {value}: expected {range}"))
-    });
-    wrong.collect()
 }
 
 /// A file that is read; `-` is standard input.

@@ -105,46 +105,22 @@ enum Direction {
 }
 
 impl Evaluate {
-    fn conventions(&self) -> Result<Conventions> {
-        if let Some(um) = self.um_per_px.filter(|um| !(1e-6..=1e6).contains(um)) {
-            return Err(Error::input(format!("--um-per-px {um}: expected a number from 1e-6 to 1e6")));
-        }
-        let depth_um = match self.depth.as_deref() {
-            Some(&[low, high]) if low < high && high - low <= 1e9 => Some((low, high)),
-            Some(wrong) => {
-                let given: Vec<String> = wrong.iter().map(f64::to_string).collect();
-                return Err(Error::input(format!(
-                    "--depth {}: expected two depths in um, the lower one first, at most 1e9 um apart",
-                    given.join(" ")
-                )));
-            }
-            None => None,
-        };
-        Ok(Conventions {
+    fn conventions(&self) -> Conventions {
+        Conventions {
             format: self.format,
             origin: self.origin,
             y_up: self.y.map(|y| y == Direction::Up),
             frame_base: self.frame_base,
             um_per_px: self.um_per_px,
-            depth_um,
+            // Two values, as the parser sees to.
+            depth_um: self.depth.as_deref().and_then(|depths| Some((*depths.first()?, *depths.get(1)?))),
             ..Conventions::default()
-        })
+        }
     }
 
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let conventions = self.conventions()?;
-        if !(0.0..=1e7).contains(&self.border) {
-            return Err(Error::input(format!("--border {}: expected 0 to 1e7 px", self.border)));
-        }
-        if let Some(plane) = self.plane.filter(|z| !z.is_finite()) {
-            return Err(Error::input(format!("--plane {plane}: expected a depth in um")));
-        }
-        check_order(&self.dataset, &self.result)?;
-        if self.validate_only {
-            return self.validate(conventions, common);
-        }
         let options = EvaluateOptions {
-            conventions,
+            conventions: self.conventions(),
             shape: self.gate,
             gate_xy_px: self.gate_xy,
             gate_z_um: self.gate_z,
@@ -157,6 +133,11 @@ impl Evaluate {
             seed: self.random.seed.unwrap_or(0),
             context: common.context.clone(),
         };
+        options.check()?;
+        check_order(&self.dataset, &self.result)?;
+        if self.validate_only {
+            return self.validate(options.conventions, common);
+        }
         // Checked first, because an evaluation may take a long time.
         if let Some(out) = &self.out {
             report::check(out, self.replace.force)?;
@@ -171,7 +152,9 @@ impl Evaluate {
         let evaluation = evaluate_files(&self.dataset.file()?, &result, &options)?;
         let mut text = report::table(&evaluation.score);
         if let Some(out) = &self.out {
-            for path in report::write(out, &evaluation, self.report, self.replace.force)? {
+            let written = report::write(out, &evaluation, self.report, self.replace.force)?;
+            warn(&written.warning, common);
+            for path in written.files {
                 // Writing to a string cannot fail.
                 let _ = writeln!(text, "  wrote      {}", path.display());
             }

@@ -43,7 +43,7 @@ pub(super) struct Export {
 impl Export {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         let exported = export(
-            &self.dataset,
+            &self.dataset.as_path().into(),
             &ExportOptions {
                 format: self.format,
                 out: self.out.clone(),

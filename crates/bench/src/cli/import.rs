@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::argument::{folder, input, out_of_range};
+use super::argument::{folder, input};
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use fit::StagePositions;
 use import::{ImportOptions, Imported, import};
 use storage::InputFile;
 use storage::error::{Error, Result};
+use storage::range::faults;
 
 /// Make a folder like a dataset's from recorded images and a calibration scan
 #[derive(Debug, Args)]
@@ -101,15 +102,15 @@ impl Import {
     }
 
     fn options(&self, common: &Common) -> Result<ImportOptions> {
-        let [magnification, pixel_size, dt, step] = &ImportOptions::RANGES;
-        let problems = out_of_range(&[
-            ("magnification", self.magnification, magnification),
-            ("pixel-size", self.pixel_size, pixel_size),
-            ("dt", self.dt, dt),
-            ("z-step", self.z_step.map(f64::abs), step),
+        let [magnification, pixel_size, dt, step] = ImportOptions::RANGES;
+        let wrong = faults(&[
+            (self.magnification, magnification),
+            (self.pixel_size, pixel_size),
+            (self.dt, dt),
+            (self.z_step.map(f64::abs), step),
         ]);
-        if !problems.is_empty() {
-            return Err(Error::Input(problems));
+        if !wrong.is_empty() {
+            return Err(Error::Options(wrong));
         }
         let positions = match (&self.z, self.z_step) {
             (Some(file), _) => StagePositions::Table(file.clone()),

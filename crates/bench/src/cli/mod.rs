@@ -38,7 +38,7 @@ use std::process::ExitCode;
 use std::sync::{Arc, PoisonError};
 
 pub use choice::{Variants, variant, variants};
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::Context;
 use options::ProgressStyle;
@@ -47,6 +47,8 @@ pub use output::{Answer, printable};
 use serde_json::json;
 
 use generator::runner::{Progress, Tables};
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
 use storage::table_cache::TableFolder;
 use storage::{clean_up_on_signals, file_size_limits_are_errors};
@@ -217,11 +219,6 @@ impl Cli {
     /// # Errors
     /// Arguments that cannot be parsed; errors of the verb.
     pub fn call(arguments: &[OsString], progress: Progress) -> Result<Answer> {
-        let refused = |e: clap::Error| {
-            let text = e.to_string();
-            let text = text.split("\n\n").next().unwrap_or_default();
-            Error::input(text.trim_start_matches("error: "))
-        };
         // The standard streams are those of the program: for it, `-` is a file like any other.
         let arguments = arguments.iter().map(|argument| match argument.to_str() {
             Some("-") => OsString::from("./-"),
@@ -245,6 +242,20 @@ impl Cli {
             Err(e) => return Err(e),
         }
         Ok(answer)
+    }
+}
+
+/// Arguments that cannot be parsed, with the option that clap names as data.
+fn refused(e: clap::Error) -> Error {
+    let text = e.to_string();
+    let text = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
+    let Some(ContextValue::String(argument)) = e.get(ContextKind::InvalidArg) else {
+        return Error::input(text);
+    };
+    let name = argument.strip_prefix("--").and_then(|rest| rest.split([' ', '=']).next());
+    match (name, text.split_once(argument.as_str())) {
+        (Some(name), Some((before, after))) => Error::option(advice!(before, Named::of_command(name), after)),
+        _ => Error::input(text),
     }
 }
 

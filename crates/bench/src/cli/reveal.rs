@@ -8,7 +8,7 @@ use clap::Args;
 use super::Common;
 use super::argument::folder;
 use super::options::Replace;
-use super::output::summarize;
+use super::output::{summarize, warn};
 use arena::release::{RevealOptions, reveal};
 use storage::error::Result;
 
@@ -37,6 +37,7 @@ impl Reveal {
         let (out, force) = (self.out.clone(), self.replace.force);
         let options = RevealOptions { out, force, early: self.early, now: SystemTime::now() };
         let revealed = reveal(&self.challenge, &options)?;
+        warn(&revealed.warning, common);
         let (name, out) = (&revealed.name, revealed.out.display());
         let text =
             format!("truth of {name}, which matches commitment {}; publish {out}", revealed.commitment);

@@ -425,6 +425,7 @@ impl Score {
             anchors: self.anchors,
         };
         let scores = score(&suite, &self.datasets, &options)?;
+        warn(&scores.warning, common);
         summarize(&scores.text(), &scores, common)?;
         let misplaced = scores.misplaced_anchors();
         if misplaced.is_empty() { Ok(()) } else { Err(Error::Failed(misplaced)) }

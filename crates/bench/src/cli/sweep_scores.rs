@@ -117,7 +117,8 @@ impl SweepScores {
             let evaluation = evaluate_files(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
             warn(evaluation.score.caveats(), common);
             create_parent(&entry.scores)?;
-            report::write(&entry.scores, &evaluation, false, replace)?;
+            let written = report::write(&entry.scores, &evaluation, false, replace)?;
+            warn(&written.warning, common);
         }
         if self.plot {
             let scores: Vec<InputFile> = entries.into_iter().map(|entry| entry.scores.into()).collect();

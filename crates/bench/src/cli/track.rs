@@ -6,10 +6,12 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::argument::{out_of_range, output};
+use super::argument::output;
 use super::options::{ImageTables, Random, Replace};
 use super::output::{progress, warn, written};
 use storage::OutputFile;
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, track};
 
@@ -69,21 +71,9 @@ pub(super) fn methods() -> PossibleValuesParser {
 
 impl Track {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let [displacement, diameter, noise_xy, noise_z] = &TrackOptions::RANGES;
-        let mut wrong = out_of_range(&[
-            ("max-displacement", Some(self.max_displacement), displacement),
-            ("diameter", Some(self.diameter), diameter),
-            ("noise-xy", Some(self.noise_xy), noise_xy),
-            ("noise-z", Some(self.noise_z), noise_z),
-        ]);
-        if self.ensemble && self.method != "piv" {
-            wrong.push(format!("--ensemble: expected with --method piv, not {}", self.method));
-        }
         if self.aspect_ratio.is_some() && self.shape != ShapeChoice::Spheroid {
-            wrong.push("--aspect-ratio: expected with --shape spheroid".to_owned());
-        }
-        if !wrong.is_empty() {
-            return Err(Error::Input(wrong));
+            let (ratio, shape) = (option("aspect_ratio"), option("shape").is("spheroid"));
+            return Err(Error::option(advice!(ratio, ": expected with ", shape)));
         }
         let out =
             self.out.clone().map_or_else(|| beside(&self.dataset, &self.method).map(OutputFile::from), Ok)?;
@@ -96,8 +86,8 @@ impl Track {
                 method: self.method.clone(),
                 max_displacement_px: self.max_displacement,
                 diameter_px: self.diameter,
-                noise_px: self.noise_xy,
-                noise_um: self.noise_z,
+                noise_xy_px: self.noise_xy,
+                noise_z_um: self.noise_z,
                 ensemble: self.ensemble,
                 shape: match self.shape {
                     ShapeChoice::Sphere => ParticleShape::Sphere,

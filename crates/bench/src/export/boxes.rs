@@ -11,7 +11,8 @@ use serde_json::{Value, json};
 
 use super::ExportFormat;
 use arena::package::Package;
-use dataset::{BoxRow, FrameRow, RecordingFacts, Row, read_rows};
+use dataset::{BoxRow, FrameRow, Row, read_rows};
+use generator::runner::DatasetPlace;
 use storage::error::{Error, Result};
 
 /// The boxes of all frames.
@@ -27,28 +28,31 @@ pub(super) struct Boxes {
 
 impl Boxes {
     /// Reads the boxes of a dataset.
-    pub(super) fn read(dataset: &Path) -> Result<Self> {
-        let facts = RecordingFacts::read(dataset)?;
-        facts.needs_truth(dataset)?;
-        let path = dataset.join(BoxRow::PATH);
-        if !path.exists() {
-            return Err(Error::input(format!(
-                "{}: missing; generate the dataset with truth: (boxes: true)",
-                path.display()
-            )));
-        }
+    pub(super) fn read(dataset: &DatasetPlace) -> Result<Self> {
+        let (facts, path) = (dataset.facts()?, dataset.shown(BoxRow::PATH));
+        let missing =
+            || Error::input(format!("{path}: missing; generate the dataset with truth: (boxes: true)"));
+        let (images, rows) = match dataset {
+            DatasetPlace::Memory(made) => (made.frames(), made.boxes().ok_or_else(missing)?),
+            DatasetPlace::Folder(folder) => {
+                facts.needs_truth(folder)?;
+                if !folder.join(BoxRow::PATH).exists() {
+                    return Err(missing());
+                }
+                let needed = BoxRow::COLUMNS.iter().map(|column| column.name).collect::<Vec<_>>();
+                (read_rows::<FrameRow>(folder, &["frame", "image"])?, read_rows::<BoxRow>(folder, &needed)?)
+            }
+        };
         let (width, height) = facts.sensor_px.ok_or_else(|| {
             Error::input(format!("{}: the manifest lacks the size of the images", facts.name))
         })?;
-        let images = read_rows::<FrameRow>(dataset, &["frame", "image"])?;
         let mut frames: BTreeMap<u32, (String, Vec<BoxRow>)> =
             images.into_iter().map(|row| (row.frame, (row.image, Vec::new()))).collect();
-        let needed = BoxRow::COLUMNS.iter().map(|column| column.name).collect::<Vec<_>>();
-        for row in read_rows::<BoxRow>(dataset, &needed)? {
+        for row in rows {
             let frame = row.frame;
-            let (_, boxes) = frames.get_mut(&frame).ok_or_else(|| {
-                Error::input(format!("{}: frame {frame} is not in {}", path.display(), FrameRow::PATH))
-            })?;
+            let (_, boxes) = frames
+                .get_mut(&frame)
+                .ok_or_else(|| Error::input(format!("{path}: frame {frame} is not in {}", FrameRow::PATH)))?;
             boxes.push(row);
         }
         let um_per_px = facts.um_per_px.unwrap_or(1.0);

@@ -2,30 +2,33 @@
 //! nodes of `truth/field.csv` as in scoring.
 
 use std::fmt::Write;
-use std::path::Path;
 
 use super::{ExportFormat, ExportOptions};
-use scoring::evaluate::field::true_field::{TrueField, TrueFields, of_dataset};
+use generator::runner::DatasetPlace;
+use scoring::evaluate::field::true_field::{TrueField, TrueFields, of_place};
 use scoring::results::{FlowVector, Position};
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 
 /// Value of an unknown component in Middlebury's format.
 const UNKNOWN: f32 = 1e10;
 
 /// The contents of the file, and the number of known vectors.
-pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<(Vec<u8>, usize)> {
-    let path = dataset.join("truth/field.csv");
+pub(super) fn write(dataset: &DatasetPlace, options: &ExportOptions) -> Result<(Vec<u8>, usize)> {
+    let path = dataset.shown("truth/field.csv");
     let wanted = options.displacement.name();
-    let TrueFields { named, plane_um, facts, .. } = of_dataset(dataset, None)?;
+    let TrueFields { named, plane_um, facts, .. } = of_place(dataset)?;
     let (_, grid) = named
         .into_iter()
         .find(|(kind, _)| kind == wanted)
-        .ok_or_else(|| Error::input(format!("{}: no column {wanted}_dx_px", path.display())))?;
+        .ok_or_else(|| Error::input(format!("{}: no column {wanted}_dx_px", path)))?;
     if grid.needs_pairs() && options.pair.is_none() {
-        return Err(Error::input(format!("{}: the field changes with time; give --pair N", path.display())));
+        let what = format!("{}: the field changes with time; give ", path);
+        return Err(Error::option(advice!(what, option("pair"))));
     }
     if let Some(pair) = options.pair.filter(|p| !grid.has_pair(*p) || !facts.has_pair(*p)) {
-        return Err(Error::input(format!("{}: no pair {pair}", path.display())));
+        return Err(Error::input(format!("{}: no pair {pair}", path)));
     }
     let known = |x_px: f64, y_px: f64| {
         let at = Position { x_px, y_px, z_um: 0.0 };
@@ -41,7 +44,7 @@ pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<(Vec<u8>,
     };
     if n == 0 {
         let what = format!("the {wanted} field has no known vector at z = {} um", plane_um.unwrap_or(0.0));
-        return Err(Error::input(format!("{}: {what}", path.display())));
+        return Err(Error::input(format!("{}: {what}", path)));
     }
     Ok((bytes, n))
 }

@@ -11,11 +11,12 @@ mod particles;
 mod pivmeta;
 mod stack;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::ValueEnum;
 use serde::Serialize;
 
+use generator::runner::DatasetPlace;
 use storage::OutputFile;
 use storage::error::{Error, Result};
 
@@ -129,11 +130,13 @@ pub struct Exported {
 /// # Errors
 /// A dataset whose truth is missing or lacks what the format needs; an existing file, unless `force`; an I/O
 /// error.
-pub fn export(dataset: &Path, options: &ExportOptions) -> Result<Exported> {
+pub fn export(dataset: &DatasetPlace, options: &ExportOptions) -> Result<Exported> {
     let out = &options.out;
     out.may_write(options.force)?;
-    if !dataset.is_dir() {
-        return Err(Error::input(format!("{}: expected the folder of a dataset", dataset.display())));
+    if let DatasetPlace::Folder(folder) = dataset
+        && !folder.is_dir()
+    {
+        return Err(Error::input(format!("{}: expected the folder of a dataset", folder.display())));
     }
     if let ExportFormat::OmeTiff | ExportFormat::ImagejStack = options.format {
         let rows = stack::write(dataset, options)?;

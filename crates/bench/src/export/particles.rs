@@ -1,14 +1,14 @@
 //! Export of particles to the formats of tracking programs.
 
 use std::fmt::Write;
-use std::path::Path;
 
 use maud::Render;
 
 use super::ExportFormat;
 use dataset::RecordingFacts;
+use generator::runner::DatasetPlace;
 use scoring::evaluate::truth::TrueParticles;
-use scoring::results::{Conventions, Position};
+use scoring::results::Position;
 use storage::error::{Error, Result};
 
 /// A true particle in one frame.
@@ -32,8 +32,8 @@ pub(super) struct Spots {
 
 impl Spots {
     /// Reads the truth of a dataset.
-    pub(super) fn read(dataset: &Path) -> Result<Self> {
-        let truth = TrueParticles::read(dataset, &Conventions::default())?;
+    pub(super) fn read(dataset: &DatasetPlace) -> Result<Self> {
+        let truth = TrueParticles::of_place(dataset)?;
         let mut spots: Vec<Spot> = (truth.rows.iter().zip(&truth.sizes).enumerate())
             .filter(|(i, _)| truth.is_scored(*i, 0.0))
             .map(|(_, (row, [d_um, _]))| Spot {

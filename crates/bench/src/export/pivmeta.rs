@@ -2,14 +2,18 @@
 //! image velocimetry, as JSON-LD: data set, distributions, setup and its parameters (Metadata4Ing, QUDT
 //! units).
 
-use std::path::Path;
-
 use dataset::manifest::{Facts, MANIFEST, Manifest, RECORDING, Resource};
+use generator::runner::DatasetPlace;
 use serde_json::{Value, json};
-use storage::error::Result;
+use storage::error::{Error, Result};
 
 /// The file, and the number of distributions.
-pub(super) fn write(dataset: &Path) -> Result<(Vec<u8>, usize)> {
+pub(super) fn write(dataset: &DatasetPlace) -> Result<(Vec<u8>, usize)> {
+    let DatasetPlace::Folder(dataset) = dataset else {
+        return Err(Error::input(
+            "pivmeta describes files: expected a dataset in a folder, not one in memory",
+        ));
+    };
     let manifest = Manifest::read(dataset)?;
     let facts = &manifest.microsig;
     let is_recorded = facts.kind.as_deref() == Some(RECORDING);

@@ -1,24 +1,23 @@
 //! Export of frames and calibration stacks as one file with the scale of pixels, depth and time.
 
 use std::collections::BTreeMap;
-use std::io::{BufReader, Cursor};
-use std::path::Path;
 
 use dataset::manifest::{Manifest, TimingFacts};
-use dataset::{CalibrationRow, FrameRow, RecordingFacts, Row, TableReader, read_rows};
+use dataset::{CalibrationRow, FrameRow, Row, TableReader};
+use generator::runner::DatasetPlace;
 use microsig_core::formats::stack::{Stack, StackAxis, StackFormat, equal_step};
-use microsig_core::formats::tiff;
-use microsig_core::sensor::Image;
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
-use storage::{input, save};
+use storage::save;
 
 use super::{ExportFormat, ExportOptions, StackImages};
 
 /// Writes the stack; gives the number of its images.
-pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<usize> {
-    let manifest = Manifest::read(dataset)?;
-    let lacks = |what: &str| Error::input(format!("{}: the manifest lacks {what}", dataset.display()));
-    let um_per_px = RecordingFacts::read(dataset)?.um_per_px;
+pub(super) fn write(dataset: &DatasetPlace, options: &ExportOptions) -> Result<usize> {
+    let manifest = dataset.manifest()?;
+    let lacks = |what: &str| Error::input(format!("{}: the manifest lacks {what}", dataset.shown("")));
+    let um_per_px = dataset.facts()?.um_per_px;
     let um_per_px = um_per_px.ok_or_else(|| lacks("um_per_px, the size of a pixel"))?;
     let bits = manifest.microsig.sensor.as_ref().ok_or_else(|| lacks("the sensor"))?.bit_depth;
     let (images, axis) = match options.images {
@@ -39,20 +38,22 @@ pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<usize> {
     options.out.outside_datasets()?;
     let shown = options.out.display().to_string();
     save(&options.out, |writer| {
-        stack.write(writer, format, &shown, |k| page(&dataset.join(&images[k]), bits))
+        stack.write(writer, format, &shown, |k| dataset.whole_image(&images[k], bits))
     })?;
     Ok(n)
 }
 
-fn page(path: &Path, bits: u8) -> Result<Image> {
-    let (bytes, name) = (input::read(path)?, path.display().to_string());
-    let (width, height) = tiff::size(BufReader::new(Cursor::new(&bytes)), &name)?;
-    let counts = tiff::read_counts(Cursor::new(&bytes), &name, (width, height))?;
-    Ok(Image { width, height, bits, counts })
-}
-
 /// Paths of the frames, and their times.
-fn frames(dataset: &Path, manifest: &Manifest) -> Result<(Vec<String>, StackAxis)> {
+fn frames(dataset: &DatasetPlace, manifest: &Manifest) -> Result<(Vec<String>, StackAxis)> {
+    let dataset = match dataset {
+        DatasetPlace::Folder(folder) => folder,
+        DatasetPlace::Memory(made) => {
+            let (images, at_s): (Vec<String>, Vec<f64>) =
+                made.frames().into_iter().map(|row| (row.image, row.t_s)).unzip();
+            let interval_s = equal_step(&at_s);
+            return Ok((images, StackAxis::Time { pages: at_s.len(), at_s: Some(at_s), interval_s }));
+        }
+    };
     let numbered = manifest.resources.iter().filter(|resource| resource.path.starts_with("images/"));
     let numbered: BTreeMap<u32, &str> =
         numbered.filter_map(|resource| Some((resource.frame?, resource.path.as_str()))).collect();
@@ -84,17 +85,18 @@ fn is_regular(timing: &TimingFacts) -> bool {
 }
 
 /// Paths and depths of the images of a calibration stack.
-fn calibration(dataset: &Path, wanted: Option<&str>) -> Result<(Vec<String>, StackAxis)> {
-    let path = dataset.join(CalibrationRow::PATH);
-    if !path.exists() {
-        return Err(Error::input(format!("{}: missing; this dataset has no calibration", path.display())));
+fn calibration(dataset: &DatasetPlace, wanted: Option<&str>) -> Result<(Vec<String>, StackAxis)> {
+    let path = dataset.shown(CalibrationRow::PATH);
+    if !dataset.has_calibration()? {
+        return Err(Error::input(format!("{path}: missing; this dataset has no calibration")));
     }
     let mut stacks: BTreeMap<String, Vec<(String, f64)>> = BTreeMap::new();
-    for row in read_rows::<CalibrationRow>(dataset, &["image", "z_um"])? {
+    dataset.calibration_rows(&["image", "z_um"], |_, row| {
         let folder = row.image.rsplit_once('/').map_or("", |(folder, _)| folder);
         let name = folder.trim_start_matches("calibration/images").trim_start_matches('/').to_owned();
         stacks.entry(name).or_default().push((row.image, row.z_um));
-    }
+        Ok(())
+    })?;
     let names: Vec<&str> = stacks.keys().map(String::as_str).collect();
     let stack = match (wanted, names.as_slice()) {
         (None, [one]) => stacks.get(*one),
@@ -106,9 +108,9 @@ fn calibration(dataset: &Path, wanted: Option<&str>) -> Result<(Vec<String>, Sta
             Some(wanted) => format!("no stack {wanted:?}"),
             None => format!("{} stacks", names.len()),
         };
-        let of =
-            if names == [""] { "the only one, which needs no --stack".to_owned() } else { names.join(", ") };
-        Error::input(format!("{}: {found}; expected with --stack one of {of}", path.display()))
+        let of = if names == [""] { "the only one, which needs none".to_owned() } else { names.join(", ") };
+        let what = format!("{path}: {found}; expected for ");
+        Error::option(advice!(what, option("stack"), format!(" one of {of}")))
     })?;
     let (images, depths_um) = stack.iter().cloned().unzip();
     Ok((images, StackAxis::Depth(depths_um)))

@@ -187,7 +187,7 @@ impl Outcome<'_> {
         if bounded > 0 {
             warnings.push(format!(
                 "the numerical aperture of {bounded} of {} single particles is the largest that is tried with such windows: their \
-                 images do not fit into them; set a larger --window or omit the planes with the largest images (--planes A-B)",
+                 images do not fit into them; set a larger window or omit the planes with the largest images",
                 singles.len()
             ));
         }
@@ -252,7 +252,7 @@ impl Outcome<'_> {
         if singles < FEWEST {
             warnings.push(format!(
                 "only {singles} single particles: the optics are taken as the same over the field; a fit of their field dependence \
-                 needs at least {FEWEST}, spread over the field (a smaller --window may find more)"
+                 needs at least {FEWEST}, spread over the field (a smaller window may find more)"
             ));
         }
         warnings.extend(transmission.and_then(implausible));

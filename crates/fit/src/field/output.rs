@@ -49,7 +49,7 @@ impl Files<'_> {
         Settings { gain: significant(self.light.0 / rays / self.counts_per_e()), ..settings }
     }
 
-    /// The scenario, with the optics of `settings.txt` beside it.
+    /// The scenario.
     pub(super) fn scenario(&self) -> String {
         let Files { fitted, options, .. } = self;
         let FieldFit { field, blur_um, depths_um: [low, high], noise, background, .. } = fitted;
@@ -90,6 +90,7 @@ impl Files<'_> {
             round(*background, 2),
         );
         let twin = Twin {
+            settings: &self.settings(),
             depth_factor: options.given.depth_factor,
             diameter_um: options.diameter_um,
             depths_um: in_fluid((*low, *high), Some(model), options.diameter_um),

@@ -59,7 +59,7 @@ pub(super) fn of<'a>(
     if all.is_empty() {
         return Err(Error::input(format!(
             "none of {} particles can be used with windows of {2} x {2} px ({cut} cut by the edge of the image, {saturated} saturated, \
-             {} too close to others): set a smaller --window or omit the planes with the largest images (--planes A-B)",
+             {} too close to others): set a smaller window or omit the planes with the largest images",
             candidates.len(),
             uncut,
             2 * half + 1

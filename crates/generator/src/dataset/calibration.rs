@@ -262,6 +262,16 @@ impl CalibrationStack {
         ]
     }
 
+    /// The particle of each image, as in its data file.
+    pub fn particles(&self) -> &[Particle] {
+        &self.particles
+    }
+
+    /// The settings of the images.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
     /// The table.
     pub fn table(&self) -> &Table {
         &self.table

@@ -17,6 +17,8 @@ use crate::preview::{self, Preview};
 use dataset::manifest::{GENERATOR_VERSION, MANIFEST};
 use microsig_core::visibility::DepthScan;
 use scenario::{SCENARIO, Scenario, write};
+use storage::advice;
+use storage::advice::flag;
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, Partial, check_replaceable, partial_name};
@@ -175,8 +177,8 @@ fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
         return Ok(false);
     }
     let refuse = |what: String| {
-        let hint = "cannot resume; --force replaces it";
-        Err(Error::input(format!("{}: {what}; {hint}", out.display())))
+        let hint = advice!(what, "; cannot resume; ", flag("force"), " replaces it");
+        Err(Error::Exists { path: out.to_owned(), hint })
     };
     let text = storage::read_text(&out.join(SCENARIO)).unwrap_or_default();
     if text != write(&scenario.spec)? {
@@ -206,14 +208,17 @@ fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partia
             match before.source.as_ref().and_then(|before| difference(before, &now)) {
                 None => claim.resume()?,
                 Some(what) => {
-                    let hint = "cannot resume; --force without --resume starts over";
-                    return Err(Error::input(format!("{}: {what}; {hint}", left_over.display())));
+                    let (force, resume) = (flag("force"), flag("resume"));
+                    let hint = advice!(what, "; cannot resume; ", force, " without ", resume, " starts over");
+                    return Err(Error::Exists { path: left_over, hint });
                 }
             }
         }
         Some(_) if !options.force => {
-            let hint = "left by an interrupted run; --resume continues it, --force starts over";
-            return Err(Error::input(format!("{}: {hint}", left_over.display())));
+            let (force, resume) = (flag("force"), flag("resume"));
+            let hint =
+                advice!("left by an interrupted run; ", resume, " continues it, ", force, " starts over");
+            return Err(Error::Exists { path: left_over, hint });
         }
         _ => claim.start(false)?,
     };

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use flows::Frame;
 use microsig_core::sensor::{Counts, Image, ImageFormat};
+use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
 use super::cost::Cost;
@@ -18,7 +19,9 @@ use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::manifest::{bit_depth, manifest};
 use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
 use dataset::manifest::{MANIFEST, Manifest, Resource, resource};
-use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow};
+use dataset::{
+    BoxRow, CalibrationRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow,
+};
 use microsig_core::visibility::DepthScan;
 use scenario::Scenario;
 use storage::checksums::Hashing;
@@ -34,15 +37,31 @@ pub struct MemoryDataset {
     scan: OnceLock<DepthScan>,
     truths: Vec<FrameTruth>,
     counts: Counts,
+    /// Made when first needed, as the next.
+    calibration: OnceLock<Option<Calibration>>,
+    manifest: OnceLock<Manifest>,
 }
 
 /// Calibration stacks in memory.
 #[derive(Debug)]
 pub struct Calibration {
     /// The table `calibration/calibration.csv`.
-    pub table: (Table, Columns),
-    /// The images of its rows.
+    pub table: Table,
+    /// Its rows.
+    pub rows: Vec<CalibrationRow>,
+    /// The images of the rows.
     pub images: Vec<Image>,
+    /// Their particles, as in the data files.
+    pub particles: Vec<Particle>,
+    /// The settings of the images.
+    pub settings: Settings,
+}
+
+impl Calibration {
+    /// The table by column.
+    pub fn columns(&self) -> Columns {
+        self.table.by_column(self.rows.iter())
+    }
 }
 
 impl MemoryDataset {
@@ -81,7 +100,15 @@ impl MemoryDataset {
         };
         in_batches(&scenario, &truth, progress, take, add)?;
         drop(truth);
-        Ok(MemoryDataset { scenario: Arc::new(scenario), camera, scan: OnceLock::new(), truths, counts })
+        Ok(MemoryDataset {
+            scenario: Arc::new(scenario),
+            camera,
+            scan: OnceLock::new(),
+            truths,
+            counts,
+            calibration: OnceLock::new(),
+            manifest: OnceLock::new(),
+        })
     }
 
     /// The scenario of the dataset.
@@ -110,7 +137,12 @@ impl MemoryDataset {
         bit_depth(&self.scenario)
     }
 
-    fn image(&self, frame: usize) -> Image {
+    /// The frame whose image has this path.
+    pub(super) fn frame_of(&self, path: &str) -> Option<usize> {
+        self.truths.iter().position(|truth| truth.frame.image == path)
+    }
+
+    pub(super) fn image(&self, frame: usize) -> Image {
         let (width, height) = (self.scenario.settings.pixel_dim_x, self.scenario.settings.pixel_dim_y);
         let pixels = width as usize * height as usize;
         let counts = self.counts.slice(frame * pixels..(frame + 1) * pixels);
@@ -154,6 +186,14 @@ impl MemoryDataset {
     /// # Errors
     /// None for a resolved scenario.
     pub fn manifest(&self) -> Result<Manifest> {
+        if let Some(manifest) = self.manifest.get() {
+            return Ok(manifest.clone());
+        }
+        let manifest = self.made_manifest()?;
+        Ok(self.manifest.get_or_init(|| manifest).clone())
+    }
+
+    fn made_manifest(&self) -> Result<Manifest> {
         let (table, mut census) = (tracks(&self.scenario), Census::default());
         let mut sum = Hashing::new(std::io::sink());
         let mut hash =
@@ -203,7 +243,15 @@ impl MemoryDataset {
     ///
     /// # Errors
     /// Settings that cannot be rendered; [`Error::Interrupted`].
-    pub fn calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
+    pub fn calibration(&self, progress: &Progress) -> Result<Option<&Calibration>> {
+        if let Some(calibration) = self.calibration.get() {
+            return Ok(calibration.as_ref());
+        }
+        let calibration = self.made_calibration(progress)?;
+        Ok(self.calibration.get_or_init(|| calibration).as_ref())
+    }
+
+    fn made_calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
         let scan = self.scan()?;
         let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, scan)? else { return Ok(None) };
         let rows = (0..stack.images()).into_par_iter();
@@ -211,8 +259,13 @@ impl MemoryDataset {
             progress.check()?;
             Ok(stack.image(row))
         });
-        let table = by_column(stack.table().clone(), stack.rows().iter());
-        Ok(Some(Calibration { table, images: images.collect::<Result<_>>()? }))
+        Ok(Some(Calibration {
+            images: images.collect::<Result<_>>()?,
+            table: stack.table().clone(),
+            rows: stack.rows(),
+            particles: stack.particles().to_vec(),
+            settings: stack.settings().clone(),
+        }))
     }
 
     /// Writes the dataset: the same files as [`super::generate()`]. Nothing is left behind if writing fails.

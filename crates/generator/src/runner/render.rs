@@ -16,6 +16,8 @@ use super::cost::ImageTime;
 use super::progress::Progress;
 use crate::dataset::Camera;
 use dataset::manifest::MANIFEST;
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim};
 use storage::{InputFile, OutputFolder, may_write};
@@ -87,11 +89,8 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
 
     let files = data_files(&options.data, &options.settings)?;
     if u32::try_from(files.len()).ok().and_then(|n| options.first_frame.checked_add(n)).is_none() {
-        return Err(Error::input(format!(
-            "--first-frame {}: the largest frame number is {}",
-            options.first_frame,
-            u32::MAX
-        )));
+        let what = format!(": the largest frame number is {}", u32::MAX);
+        return Err(Error::option(advice!(option("first_frame").of(options.first_frame), what)));
     }
     let particles = check(&files, &camera, &options.progress, &mut warnings)?;
 

@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 
 /// Shard `k` of `n`, counted from 1: every `n`-th case.
@@ -24,7 +26,12 @@ impl Shard {
         text.split_once('/')
             .and_then(|(k, n)| Some(Shard { k: k.trim().parse().ok()?, n: n.trim().parse().ok()? }))
             .filter(|s| s.k >= 1 && s.k <= s.n)
-            .ok_or_else(|| Error::input(format!("--shard {text}: expected K/N with K from 1 to N, or slurm")))
+            .ok_or_else(|| {
+                Error::option(advice!(
+                    option("shard").of(text),
+                    ": expected K/N with K from 1 to N, or slurm"
+                ))
+            })
     }
 
     /// The shard of a Slurm array task, from its environment variables.
@@ -33,9 +40,8 @@ impl Shard {
     /// [`Error::Input`] outside an array, if a variable is not a number, or if they are inconsistent.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self> {
         let Some(id) = variable("SLURM_ARRAY_TASK_ID") else {
-            return Err(Error::input(
-                "--shard slurm: SLURM_ARRAY_TASK_ID is not set, so this is not a task of an array; use --shard K/N",
-            ));
+            let what = ": SLURM_ARRAY_TASK_ID is not set, so this is not a task of an array; use ";
+            return Err(Error::option(advice!(option("shard").is("slurm"), what, option("shard").of("K/N"))));
         };
         let number = |name: &str, text: String| {
             text.trim()
@@ -48,17 +54,19 @@ impl Shard {
         let first = optional("SLURM_ARRAY_TASK_MIN", 0)?;
         let step = optional("SLURM_ARRAY_TASK_STEP", 1)?;
         let Some(count) = variable("SLURM_ARRAY_TASK_COUNT") else {
-            return Err(Error::input(
-                "SLURM_ARRAY_TASK_ID is set but SLURM_ARRAY_TASK_COUNT is not; use --shard K/N",
-            ));
+            let what = "SLURM_ARRAY_TASK_ID is set but SLURM_ARRAY_TASK_COUNT is not; use ";
+            return Err(Error::option(advice!(what, option("shard").of("K/N"))));
         };
         let n = number("SLURM_ARRAY_TASK_COUNT", count)?;
         let before = id.checked_sub(first).filter(|d| step > 0 && d % step == 0).map(|d| d / step);
         match before.filter(|before| *before < n) {
             Some(before) => Ok(Shard { k: before + 1, n }),
-            None => Err(Error::input(format!(
-                "SLURM_ARRAY_TASK_ID = {id}: expected a task of {n} from {first} in steps of {step}; use --shard K/N"
-            ))),
+            None => {
+                let what = format!(
+                    "SLURM_ARRAY_TASK_ID = {id}: expected a task of {n} from {first} in steps of {step}; use "
+                );
+                Err(Error::option(advice!(what, option("shard").of("K/N"))))
+            }
         }
     }
 

@@ -21,6 +21,8 @@ use super::sweep::{Outcome, Swept, attempt, reason, refuse_existing};
 use super::verify::verify;
 use dataset::manifest::MANIFEST;
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
+use storage::advice;
+use storage::advice::option;
 use storage::checksums::{Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::{TemporaryFolder, read_text, save_changed};
@@ -54,7 +56,8 @@ impl SuiteSelection {
             cases.retain(|case| case.name == *name);
             if cases.is_empty() {
                 let (size, names) = (size.name(), names.join(", "));
-                return Err(Error::input(format!("--case {name}: size {size} has the cases {names}")));
+                let what = format!(": size {size} has the cases {names}");
+                return Err(Error::option(advice!(option("case").of(name), what)));
             }
         }
         let all = cases.into_iter().flat_map(|case| Split::ALL.map(|split| (case.clone(), split)));

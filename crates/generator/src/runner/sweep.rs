@@ -18,6 +18,8 @@ use super::progress::Progress;
 use super::shard::Shard;
 use dataset::manifest::{MANIFEST, Manifest};
 use scenario::{Case, Scenario, Sweep, resolve};
+use storage::advice;
+use storage::advice::flag;
 use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, is_empty};
 use storage::{read_text, save_bytes, save_changed};
@@ -168,8 +170,14 @@ pub(super) fn attempt(
 pub(super) fn refuse_existing(out: &Path) -> Result<()> {
     match [out.to_owned(), reason(out)].iter().find(|path| path.exists() && !is_empty(path)) {
         Some(path) => {
-            let hint = "already exists; --force replaces it, --resume continues the run";
-            Err(Error::input(format!("{}: {hint}", path.display())))
+            let hint = advice!(
+                "already exists; ",
+                flag("force"),
+                " replaces it, ",
+                flag("resume"),
+                " continues the run"
+            );
+            Err(Error::Exists { path: path.clone(), hint })
         }
         None => Ok(()),
     }

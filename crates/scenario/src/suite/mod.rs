@@ -17,6 +17,8 @@ use super::shipped::{SHIPPED, shipped_suites};
 use super::source::read_text;
 use super::spec::Spec;
 use super::splits::Split;
+use storage::advice;
+use storage::advice::option;
 use storage::error::{Error, Result};
 use storage::{InputFile, TemporaryFolder};
 
@@ -152,7 +154,8 @@ impl Suite {
     pub fn track(&self, name: &str) -> Result<&TrackSpec> {
         self.spec.tracks.iter().find(|track| track.name == name).ok_or_else(|| {
             let names: Vec<&str> = self.spec.tracks.iter().map(|track| track.name.as_str()).collect();
-            Error::input(format!("--track {name}: expected one of {}", names.join(", ")))
+            let what = format!(": expected one of {}", names.join(", "));
+            Error::option(advice!(option("track").is(name), what))
         })
     }
 

@@ -2,6 +2,8 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use storage::advice;
+use storage::advice::option;
 
 /// A suite: a frozen, named set of datasets in tracks, by which trackers are compared.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
@@ -212,7 +214,9 @@ impl Size {
     /// [`storage::Error::Input`] for another name.
     pub fn parse(name: &str) -> storage::Result<Self> {
         let found = Size::ALL.into_iter().find(|size| size.name() == name);
-        found.ok_or_else(|| storage::Error::input(format!("--size {name}: expected smoke, small or full")))
+        found.ok_or_else(|| {
+            storage::Error::option(advice!(option("size").is(name), ": expected smoke, small or full"))
+        })
     }
 }
 

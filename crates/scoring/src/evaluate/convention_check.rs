@@ -160,7 +160,7 @@ impl<'a> ConventionCheck<'a> {
         }
         let n = self.rows.iter().filter(|row| row.frame < self.end).count();
         let detail = format!(
-            "{} of {n} points match a particle, no more than at random positions ({mean:.1}); --auto-offset searches for a \
+            "{} of {n} points match a particle, no more than at random positions ({mean:.1}); an estimated offset would show a \
              shift in the image",
             now.matches
         );
@@ -231,7 +231,7 @@ impl<'a> ConventionCheck<'a> {
     /// First frame off by one.
     fn frames(&self) -> Vec<Suspect<'_>> {
         let moved = |by: i64, base: &str| {
-            let how = format!("With --frame-base {base} by one");
+            let how = format!("With the number of the first frame {base} by one");
             let convention: Convention<'_> = Box::new(move |row| {
                 let frame = u32::try_from(i64::from(row.frame) + by).ok()?;
                 Some(TrackRow { frame, ..*row })
@@ -246,7 +246,7 @@ impl<'a> ConventionCheck<'a> {
         let bias = bias.map_or(String::new(), |(x, y)| format!("bias is ({x:+.3}, {y:+.3}) px; "));
         let shifted = |by: f64| {
             let how = format!(
-                "{bias}--origin gives the position of the first pixel's center; with x and y moved by {by:+} px"
+                "{bias}the origin is the position of the first pixel's center; with x and y moved by {by:+} px"
             );
             (
                 "origin mismatch?".to_owned(),
@@ -267,7 +267,7 @@ impl<'a> ConventionCheck<'a> {
         if let Some((width, height)) = self.truth.facts.sensor_px {
             family.push((
                 "y upward?".to_owned(),
-                "With --y up".to_owned(),
+                "With y upward".to_owned(),
                 placed(move |at| Position { y_px: height + 1.0 - at.y_px, ..*at }),
             ));
             family.push((

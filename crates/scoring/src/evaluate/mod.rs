@@ -101,11 +101,12 @@ pub struct Particles {
 /// # Errors
 /// A truth without what the result is; options that do not apply to it.
 pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions) -> Result<Evaluation> {
+    options.check()?;
     let is_field = matches!(result, TrackerResult::Field(_));
     if let Some(option) = options.of_others(is_field) {
         let [of, is] = if is_field { ["particles", "a field"] } else { ["fields", "particles"] };
         let what = format!(": is for results that are {of}; this one is {is}");
-        return Err(Error::Options(advice!(option, what)));
+        return Err(Error::option(advice!(option, what)));
     }
     let lacks = |what: &str| Error::input(format!("{}: no truth of {what}", truth.facts.name));
     let mut evaluation = match result {

@@ -5,9 +5,10 @@ use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};
 use dataset::manifest::ScoringGates;
 use microsig_core::render::Context;
-use storage::advice;
-use storage::advice::Named;
+use storage::advice::{Named, flag, option};
 use storage::error::{Error, Result};
+use storage::range::faults;
+use storage::{NumberRange, advice};
 
 /// Options of scoring. `None` means the default for the dataset.
 #[derive(Debug, Clone, Default)]
@@ -39,20 +40,47 @@ pub struct EvaluateOptions {
 }
 
 impl EvaluateOptions {
+    /// The allowed values: of the gates, the border and the plane. The square of a much smaller gate could underflow, that of a much
+    /// larger one overflow.
+    pub const RANGES: [NumberRange; 5] = [
+        NumberRange { key: "gate_xy_px", least: 1e-6, most: 1e9, unit: "px" },
+        NumberRange { key: "gate_z_um", least: 1e-6, most: 1e9, unit: "um" },
+        NumberRange { key: "isbi_gate_px", least: 1e-6, most: 1e9, unit: "px" },
+        NumberRange { key: "border_px", least: 0.0, most: 1e7, unit: "px" },
+        NumberRange { key: "plane_um", least: -1e9, most: 1e9, unit: "um" },
+    ];
+
+    /// Refuses values out of range.
+    ///
+    /// # Errors
+    /// All of them.
+    pub fn check(&self) -> Result<()> {
+        let [gate_xy, gate_z, isbi_gate, border, plane] = Self::RANGES;
+        let mut wrong = self.conventions.faults();
+        wrong.extend(faults(&[
+            (self.gate_xy_px, gate_xy),
+            (self.gate_z_um, gate_z),
+            (self.isbi_gate_px, isbi_gate),
+            (Some(self.border_px), border),
+            (self.plane_um, plane),
+        ]));
+        if wrong.is_empty() { Ok(()) } else { Err(Error::Options(wrong)) }
+    }
+
     /// The first given option that applies only to the other kind of result (`field` or particles).
     pub(super) fn of_others(&self, field: bool) -> Option<Named> {
         let of_particles = [
-            (Named::GateShape, self.shape.is_some()),
-            (Named::GateXy, self.gate_xy_px.is_some()),
-            (Named::GateZ, self.gate_z_um.is_some()),
-            (Named::Dims, self.dims.is_some()),
-            (Named::IsbiGate, self.isbi_gate_px.is_some()),
-            (Named::Border, self.border_px > 0.0),
-            (Named::AutoOffset, self.auto_offset),
+            (option("gate"), self.shape.is_some()),
+            (option("gate_xy_px"), self.gate_xy_px.is_some()),
+            (option("gate_z_um"), self.gate_z_um.is_some()),
+            (option("dims"), self.dims.is_some()),
+            (option("isbi_gate_px"), self.isbi_gate_px.is_some()),
+            (option("border_px"), self.border_px > 0.0),
+            (flag("auto_offset"), self.auto_offset),
         ];
-        let of_fields = [(Named::Plane, self.plane_um.is_some())];
-        let others = if field { &of_particles[..] } else { &of_fields[..] };
-        others.iter().find(|(_, given)| *given).map(|(name, _)| *name)
+        let of_fields = [(option("plane_um"), self.plane_um.is_some())];
+        let others = if field { of_particles.to_vec() } else { of_fields.to_vec() };
+        others.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 }
 
@@ -65,13 +93,15 @@ pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &Evalu
     match options.dims {
         None => Ok(both),
         Some(2) if options.gate_z_um.is_some() => {
-            let what = advice!(Named::GateZ, ": has no meaning with ", Named::Dims, " 2, in the image plane");
-            Err(Error::Options(what))
+            let (gate, dims) = (option("gate_z_um"), option("dims").of(2));
+            Err(Error::option(advice!(gate, ": has no meaning with ", dims, ", in the image plane")))
         }
         Some(2) => Ok(false),
         Some(3) if both => Ok(true),
-        Some(3) => Err(Error::Options(advice!(Named::Dims, " 3: truth and result must both have a depth"))),
-        Some(other) => Err(Error::Options(advice!(Named::Dims, format!(" {other}: expected 2 or 3")))),
+        Some(3) => {
+            Err(Error::option(advice!(option("dims").of(3), ": truth and result must both have a depth")))
+        }
+        Some(other) => Err(Error::option(advice!(option("dims").of(other), ": expected 2 or 3"))),
     }
 }
 
@@ -83,14 +113,14 @@ pub(super) fn region(truth: &TrueParticles, options: &EvaluateOptions) -> Result
     let region = Region { border_px: options.border_px, depth_um: options.conventions.depth_um };
     if region.border_px > 0.0 && truth.facts.sensor_px.is_none() {
         let what = ": a bare table does not contain the size of the images";
-        return Err(Error::Options(advice!(Named::Border, what)));
+        return Err(Error::option(advice!(option("border_px"), what)));
     }
     let is_empty = |(low, high): (f64, f64)| {
         truth.has_z && !truth.rows.iter().any(|row| (low..=high).contains(&row.at.z_um))
     };
     if let Some((low, high)) = region.depth_um.filter(|range| !truth.rows.is_empty() && is_empty(*range)) {
-        let what = format!(" {low} {high}: no true particle is in this range of depths, um");
-        return Err(Error::Options(advice!(Named::Depth, what)));
+        let what = format!(": no true particle is at a depth from {low} to {high} um");
+        return Err(Error::option(advice!(option("depth_um"), what)));
     }
     Ok(region)
 }
@@ -105,7 +135,7 @@ pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions
     let shape = match options.shape {
         Some(Shape::Ellipsoid | Shape::Box) if !depth => {
             let what = ": without depth in truth and result the gate is radial";
-            return Err(Error::Options(advice!(Named::GateShape, what)));
+            return Err(Error::option(advice!(option("gate"), what)));
         }
         Some(shape) => shape,
         None if depth && z_um.is_some() => Shape::Ellipsoid,
@@ -115,23 +145,10 @@ pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions
         (Shape::Radial, _) => f64::INFINITY,
         (_, Some(z_um)) => z_um,
         (_, None) => {
-            let what = ": the depth range is unknown; give ";
-            let what = advice!(Named::GateShape, what, Named::GateZ, " or ", Named::Depth);
-            return Err(Error::Options(what));
+            let (what, gate_z) = (": the depth range is unknown; give ", option("gate_z_um"));
+            return Err(Error::option(advice!(option("gate"), what, gate_z, " or ", option("depth_um"))));
         }
     };
-    for (name, value) in [
-        (Named::GateXy, xy_px),
-        (Named::GateZ, z_um),
-        (Named::IsbiGate, options.isbi_gate_px.unwrap_or(ScoringGates::ISBI_PX)),
-    ] {
-        // The square of a much smaller gate could underflow, that of a much larger one overflow.
-        let allowed = (1e-6..=1e9).contains(&value) || (name == Named::GateZ && value == f64::INFINITY);
-        if !allowed {
-            let what = format!(" {value}: expected a number from 1e-6 to 1e9");
-            return Err(Error::Options(advice!(name, what)));
-        }
-    }
     Ok(Gate { shape, xy_px, z_um, edge: Edge::Open })
 }
 

@@ -14,7 +14,7 @@ use generator::runner::MemoryDataset;
 use scenario::Scenario;
 use storage::InputFile;
 use storage::advice;
-use storage::advice::Named;
+use storage::advice::flag;
 use storage::error::{Error, Result};
 
 /// What results are scored against: the parts of a dataset's truth that a result of its kind needs.
@@ -89,7 +89,7 @@ impl Truth {
     fn bare(path: &Path, facts: RecordingFacts, is_field: bool, options: &EvaluateOptions) -> Result<Self> {
         if options.crlb {
             let what = ": a bare table of the truth does not contain the optics";
-            return Err(Error::Options(advice!(Named::Crlb, what)));
+            return Err(Error::option(advice!(flag("crlb"), what)));
         }
         let truth = match is_field {
             true => Truth { fields: Some(true_field::bare(path)?), ..Truth::default() },
@@ -133,6 +133,7 @@ pub fn evaluate_files(
     result: impl Into<InputFile>,
     options: &EvaluateOptions,
 ) -> Result<Evaluation> {
+    options.check()?;
     let result = result.into();
     measurement::check_order(dataset, &result)?;
     let result = Source::File(result);
@@ -157,6 +158,7 @@ pub fn evaluate_source(
     result: Source,
     options: &EvaluateOptions,
 ) -> Result<Evaluation> {
+    options.check()?;
     let (name, format) = (result.name(), result.format(&options.conventions)?);
     let (truth, limits) = truth(format.is_field())?;
     let given = Conventions { limits, ..options.conventions.completed(&truth.facts) };

@@ -16,6 +16,7 @@ use crate::results::{
     Conventions, Converter, PARTICLES, Points, Position, TrackRow, VelocityUnit, read_points,
 };
 use dataset::{FrameRow, RecordingFacts, Row, TableReader};
+use generator::runner::DatasetPlace;
 use microsig_core::Spheroid;
 use storage::checksums::Hashing;
 use storage::error::{Error, Result};
@@ -70,6 +71,18 @@ impl TrueParticles {
     pub fn read(path: &Path, given: &Conventions) -> Result<Self> {
         let facts = facts_of(path, given)?;
         if path.is_dir() { Ok(Self::of_dataset(path, facts)?.0) } else { bare(path, facts) }
+    }
+
+    /// The truth of a dataset in a folder or in memory.
+    ///
+    /// # Errors
+    /// Files that are unreadable or malformed.
+    pub fn of_place(dataset: &DatasetPlace) -> Result<Self> {
+        let facts = dataset.facts()?;
+        match dataset {
+            DatasetPlace::Folder(folder) => Ok(Self::of_dataset(folder, facts)?.0),
+            DatasetPlace::Memory(made) => Self::of_rows(facts, made.tracks(), &made.frames()),
+        }
     }
 
     /// Reads the truth of a dataset in one pass; if it has changed since the dataset was made, the hash in

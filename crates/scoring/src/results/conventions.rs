@@ -8,9 +8,13 @@ use serde::Deserialize;
 use super::Format;
 use super::table::{BoxSize, Position};
 use dataset::{LARGEST_UM, RecordingFacts};
-use storage::advice;
-use storage::advice::Named;
+use storage::advice::{Advice, option};
 use storage::error::{Error, Result};
+use storage::range::faults;
+use storage::{NumberRange, advice};
+
+/// The allowed sizes of a pixel.
+const PIXELS_UM: NumberRange = NumberRange { key: "um_per_px", least: 1e-6, most: 1e6, unit: "um" };
 
 /// Coordinates of the first pixel's center.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -67,6 +71,17 @@ pub struct Conventions {
 }
 
 impl Conventions {
+    /// What is out of range.
+    pub fn faults(&self) -> Vec<Advice> {
+        let mut wrong = faults(&[(self.um_per_px, PIXELS_UM)]);
+        let is_wrong = |(low, high): &(f64, f64)| !(low < high && high - low <= LARGEST_UM);
+        wrong.extend(self.depth_um.filter(is_wrong).map(|(low, high)| {
+            let what = ": expected two depths in um, the lower one first, at most 1e9 um apart";
+            advice!(option("depth_um").of(format!("{low} {high}")), what)
+        }));
+        wrong
+    }
+
     /// These conventions, completed by facts of the dataset.
     pub fn completed(self, facts: &RecordingFacts) -> Self {
         Conventions {
@@ -194,7 +209,7 @@ impl Converter {
             (LengthUnit::Um, Some(um)) => 1.0 / um,
             (LengthUnit::Um, None) => {
                 let what = format!("{}: lengths are um; give ", usual.name);
-                return Err(Error::Options(advice!(what, Named::UmPerPx)));
+                return Err(Error::option(advice!(what, option("um_per_px"))));
             }
         };
         let flip_at = match (y_up, given.height_px) {
@@ -202,7 +217,7 @@ impl Converter {
             (true, Some(height)) => Some(height + 1.0),
             (true, None) => {
                 let what = ": a bare table does not contain the height of the images";
-                return Err(Error::Options(advice!(Named::YUp, what)));
+                return Err(Error::option(advice!(option("y").is("up"), what)));
             }
         };
         let unit = match usual.unit {

@@ -9,7 +9,7 @@ use super::text::Text;
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, shown};
 use storage::InputFile;
 use storage::advice;
-use storage::advice::Named;
+use storage::advice::option;
 use storage::error::{Error, Result};
 
 const DEFAULTS: FormatDefaults =
@@ -42,7 +42,7 @@ pub(super) fn ascii(path: &InputFile, given: &Conventions) -> Result<Points> {
 fn read(sheet: TextTable, given: &Conventions, scaling: [f64; 3]) -> Result<Points> {
     let (low, high) = given.depth_um.ok_or_else(|| {
         let what = "DefocusTracker: Z is a fraction of the depth range; give ";
-        Error::Options(advice!(what, Named::Depth))
+        Error::option(advice!(what, option("depth_um")))
     })?;
     let sheet = sheet.at_most(given.limits.rows);
     let frame = sheet.need("fr")?;

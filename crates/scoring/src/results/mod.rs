@@ -38,7 +38,7 @@ pub use conventions::{Conventions, Limits, Origin};
 pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
 use storage::InputFile;
 use storage::advice;
-use storage::advice::Named;
+use storage::advice::option;
 use storage::error::{Error, Result};
 pub use table::{
     BoxSize, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit,
@@ -136,11 +136,7 @@ impl Source {
                 (COLUMNS.to_owned(), found)
             }
         };
-        let how = if given.format.is_some() {
-            "format given by --format"
-        } else {
-            "format detected from the header"
-        };
+        let how = if given.format.is_some() { "format given" } else { "format detected from the header" };
         let notes = match &mut found {
             TrackerResult::Points(points) => {
                 unique(&name, points)?;
@@ -310,15 +306,15 @@ fn of_header(name: &str, first: &str, columns: &[&str]) -> Result<Format> {
                 "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
                  dy_px of a field), or say with "
             );
-            Err(Error::Options(advice!(what, Named::Format, " which program wrote them")))
+            Err(Error::option(advice!(what, option("format"), " which program wrote them")))
         }
         () => {
             let what = format!(
                 "{name}:1: header {:?} fits no format; expected columns frame, track, x_px, y_px, z_um (without z_um if depth \
-                 is not measured), or x_px, y_px, dx_px, dy_px of a field; `evaluate ",
+                 is not measured), or x_px, y_px, dx_px, dy_px of a field, or give ",
                 shown(first)
             );
-            Err(Error::Options(advice!(what, Named::Format, "` names the program that wrote it")))
+            Err(Error::option(advice!(what, option("format"), ", the program that wrote it")))
         }
     }
 }

@@ -17,7 +17,7 @@ use super::{
 };
 use storage::InputFile;
 use storage::advice;
-use storage::advice::Named;
+use storage::advice::option;
 use storage::error::{Error, Result};
 
 const PARTICLES: FormatDefaults =
@@ -189,7 +189,7 @@ pub(super) fn points(path: &InputFile, given: &Conventions) -> Result<Points> {
                 table.name,
                 if unit.is_empty() { "mm" } else { unit }
             );
-            return Err(Error::Options(advice!(what, Named::UmPerPx)));
+            return Err(Error::option(advice!(what, option("um_per_px"))));
         }
         (Some(_), Some(_), None) => {
             return Err(Error::input(format!(

@@ -32,7 +32,7 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
     let mut hints = Vec::new();
     if rms(&flipped) < 0.5 * now {
         let detail = format!(
-            "y may grow upward in the result; with --y up the RMS end-point error would be {:.3} instead of {now:.3} px",
+            "y may grow upward in the result; with y upward the RMS end-point error would be {:.3} instead of {now:.3} px",
             rms(&flipped)
         );
         let hint = Hint::new("v has the wrong sign?", &detail);
@@ -62,8 +62,8 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
         let (before, after) = (rms(&inliers), rms(&moved(by)));
         if after < before {
             let option = match by {
-                0.5 => "; --origin corner0 is right for a single pass of OpenPIV",
-                1.0 => "; --origin center0",
+                0.5 => "; origin corner0 is right for a single pass of OpenPIV",
+                1.0 => "; origin center0",
                 _ => "",
             };
             let detail = format!(

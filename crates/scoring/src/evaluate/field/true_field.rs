@@ -6,6 +6,7 @@ use std::path::Path;
 
 use crate::results::{Conventions, FlowVector, Position, read_field};
 use dataset::{FieldRow, RecordingFacts, Row, TableReader};
+use generator::runner::DatasetPlace;
 use storage::error::{Error, Result};
 
 /// True displacements on a grid, one field for each image pair or one for all.
@@ -164,6 +165,21 @@ impl Source<'_> {
 /// A dataset without a true field; a malformed table.
 pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
     of_recording(dataset, RecordingFacts::read(dataset)?, plane_um)
+}
+
+/// [`of_dataset`] of a folder, or of a dataset in memory.
+///
+/// # Errors
+/// As [`of_dataset`].
+pub fn of_place(dataset: &DatasetPlace) -> Result<TrueFields> {
+    match dataset {
+        DatasetPlace::Folder(folder) => of_dataset(folder, None),
+        DatasetPlace::Memory(made) => {
+            let rows =
+                made.field()?.ok_or_else(|| Error::input("this dataset has no true displacement field"))?;
+            of_rows(Source::Memory(&rows), dataset.facts()?, None)
+        }
+    }
 }
 
 /// [`of_dataset`] with the facts that its manifest gives.

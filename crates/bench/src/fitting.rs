@@ -1,0 +1,263 @@
+//! A fit of a microscope with its report, for the command and for Python.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use arena::report::{field_page, fit_page};
+use fit::{FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, Scan, Verdict};
+use microsig_core::render::waves::Lens;
+use serde_json::Value;
+use storage::advice;
+use storage::advice::{flag, option};
+use storage::error::{Error, Result};
+use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::{InputFile, OutputFolder};
+
+/// A fit of one microscope, or of how its optics vary over the field of view.
+#[derive(Debug)]
+pub enum FittedScan {
+    /// Settings that hold everywhere.
+    Uniform(Box<FitFiles>),
+    /// A fit of a field.
+    Field {
+        /// The fit.
+        made: Box<FieldFiles>,
+        /// Width and height of the images, px.
+        size_px: [usize; 2],
+    },
+}
+
+impl FittedScan {
+    /// Fits a scan; `watch` receives progress messages.
+    ///
+    /// # Errors
+    /// Options out of range or, of a field, without wave optics and diameter; a scan that does not determine
+    /// the microscope.
+    pub fn of(
+        scan: &Scan,
+        options: &FitOptions,
+        is_field: bool,
+        watch: &(dyn Fn(&str) + Sync),
+    ) -> Result<Self> {
+        if !is_field {
+            return Ok(FittedScan::Uniform(Box::new(fit::fit(scan, options, watch)?)));
+        }
+        options.check()?;
+        let made = Box::new(fit::fit_field(scan, &of_field(scan, options)?, watch)?);
+        Ok(FittedScan::Field { made, size_px: [scan.width, scan.height] })
+    }
+
+    /// The result, as in `fit.json` or `field.json`.
+    ///
+    /// # Errors
+    /// None.
+    pub fn result(&self) -> Result<Value> {
+        let result = match self {
+            FittedScan::Uniform(made) => serde_json::to_value(&made.fitted),
+            FittedScan::Field { made, .. } => serde_json::to_value(&made.fitted),
+        };
+        result.map_err(|e| Error::input(e.to_string()))
+    }
+
+    /// What should be known about the fit.
+    pub fn warnings(&self) -> &[String] {
+        match self {
+            FittedScan::Uniform(made) => &made.fitted.warnings,
+            FittedScan::Field { made, .. } => &made.fitted.warnings,
+        }
+    }
+
+    /// Why the fit must not be used, if the model does not describe the scan.
+    pub fn failure(&self) -> Option<String> {
+        match self {
+            FittedScan::Uniform(made) if made.fitted.verdict == Verdict::NotDescribed => {
+                Some(made.fitted.sentence())
+            }
+            _ => None,
+        }
+    }
+
+    /// The names of the files, other than the report, and their contents.
+    pub fn files(&self) -> &[(&'static str, Vec<u8>)] {
+        match self {
+            FittedScan::Uniform(made) => &made.files,
+            FittedScan::Field { made, .. } => &made.files,
+        }
+    }
+
+    /// The fitted quantities and the conclusion as text.
+    pub fn text(&self) -> String {
+        match self {
+            FittedScan::Uniform(made) => text_of_fit(&made.fitted),
+            FittedScan::Field { made, .. } => text_of_field(&made.fitted),
+        }
+    }
+
+    /// Writes report and files; `scan` is the scan's name, `out` that of the folder.
+    fn write(&self, folder: &OutputFolder, scan: &str, out: &Path) -> Result<()> {
+        let page = match self {
+            FittedScan::Uniform(made) => {
+                fit_page(&made.fitted, &made.evidence, scan, &out.display().to_string())?
+            }
+            FittedScan::Field { made, size_px } => field_page(made, scan, *size_px)?,
+        };
+        folder.save_bytes("report.html", page)?;
+        self.files().iter().try_for_each(|(name, bytes)| folder.save_bytes(name, bytes))
+    }
+}
+
+/// The folder of a fit, under construction.
+#[derive(Debug)]
+pub struct FitFolder {
+    partial: Partial,
+    earlier: Earlier,
+}
+
+impl FitFolder {
+    /// Claims the folder, before a fit that may take long.
+    ///
+    /// # Errors
+    /// An existing folder, unless it is an earlier fit and `force`; writing.
+    pub fn start(out: &Path, is_field: bool, force: bool) -> Result<Self> {
+        let earlier = Earlier::new(if is_field { "field.json" } else { "fit.json" }, force);
+        check_replaceable(out, earlier)?;
+        Ok(FitFolder { partial: Partial::start(out)?, earlier })
+    }
+
+    /// What should be known about the folder.
+    pub fn warning(&self) -> Option<&str> {
+        self.partial.warning()
+    }
+
+    /// Writes a fit of the scan of this name.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn finish(self, made: &FittedScan, scan: &str, out: &Path) -> Result<()> {
+        made.write(self.partial.folder(), scan, out)?;
+        self.partial.finish(self.earlier)
+    }
+}
+
+/// The options of a fit of a field.
+fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
+    let (Some(waves), Some(diameter_um)) = (options.waves, options.diameter_um) else {
+        let (model, diameter) = (option("model").is("waves"), option("diameter_um"));
+        return Err(Error::option(advice!(flag("field"), ": expected with ", model, " and ", diameter)));
+    };
+    if waves.lens != Lens::Aplanatic {
+        let what = advice!(
+            flag("field"),
+            ": expected ",
+            option("lens").is("aplanatic"),
+            ", as of microscope objectives"
+        );
+        return Err(Error::option(what));
+    }
+    if options.given.depth_factor != 1.0 {
+        let (factor, what) = (option("depth_factor"), ": expected 1, because depths are those in the fluid");
+        return Err(Error::option(advice!(factor, " with ", flag("field"), what)));
+    }
+    Ok(FieldOptions {
+        given: options.given,
+        diameter_um,
+        direction: options.direction.unwrap_or(1.0),
+        waves,
+        half_window: options.half_window,
+        places_px: match &options.places_px {
+            Some(places_px) => places_px.clone(),
+            None => import::locate(scan)?,
+        },
+    })
+}
+
+/// Reads particle positions (px) from a table; rows closer than 3 px in x and y, such as those of several
+/// frames, count once.
+///
+/// # Errors
+/// A table that cannot be read; a position that is not on an image; no rows.
+pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
+    #[derive(serde::Deserialize)]
+    struct Row {
+        #[serde(alias = "x", alias = "X")]
+        x_px: f64,
+        #[serde(alias = "y", alias = "Y")]
+        y_px: f64,
+    }
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.open()?);
+    let mut places: Vec<[f64; 2]> = Vec::new();
+    for (i, row) in reader.deserialize::<Row>().enumerate() {
+        let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;
+        if !(row.x_px.is_finite() && row.y_px.is_finite() && row.x_px >= 1.0 && row.y_px >= 1.0) {
+            return Err(Error::input(format!(
+                "{}:{}: ({}, {}): expected a position in px on the image, with the first pixel's center at (1, 1)",
+                file.display(),
+                i + 2,
+                row.x_px,
+                row.y_px
+            )));
+        }
+        if !places.iter().any(|[x, y]| (x - row.x_px).abs() < 3.0 && (y - row.y_px).abs() < 3.0) {
+            places.push([row.x_px, row.y_px]);
+        }
+    }
+    if places.is_empty() {
+        let what = format!("{}: no rows: expected the positions of particles", file.display());
+        return Err(Error::input(what));
+    }
+    Ok(places)
+}
+
+fn text_of_field(fitted: &FieldFit) -> String {
+    let singles = fitted.particles.iter().filter(|particle| particle.is_single).count();
+    let mut text = format!(
+        "Optics over the field from the {singles} of {} particles that are single:\n",
+        fitted.particles.len()
+    );
+    for coefficient in &fitted.coefficients {
+        let fit::Coefficient { key, value, sd, unit } = coefficient;
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "  {key:<34} {value:>10.5} +- {:.5} {unit}", 1.96 * sd);
+    }
+    let (r2, chi2) = (fitted.r2_of_field, fitted.chi2_of_field);
+    let _ = write!(
+        text,
+        "Images with these coefficients: R^2 {r2:.4}, chi^2 per pixel {chi2:.2} (noise of one frame)"
+    );
+    text
+}
+
+fn text_of_fit(fitted: &Fitted) -> String {
+    let mut lines = vec![format!("{:<22} {:>12} {:>10}  95 % interval", "parameter", "value", "sd")];
+    for p in &fitted.parameters {
+        let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
+        lines.push(if p.free {
+            format!(
+                "{:<22} {:>12.5} {:>10.5}  {:.5} to {:.5}{unit}",
+                p.name, p.value, p.sd, p.low_95, p.high_95
+            )
+        } else {
+            format!("{:<22} {:>12.5} {:>10}  given{unit}", p.name, p.value, "")
+        });
+    }
+    lines.push(format!(
+        "{} particles, {} planes, {} windows rejected; stage positions increase {} the lens",
+        fitted.particles.len(),
+        fitted.planes.len(),
+        fitted.rejected.len(),
+        if fitted.direction > 0.0 { "away from" } else { "toward" }
+    ));
+    lines.extend(fitted.comparison.map(|c| {
+        format!(
+            "rays: chi2 {:.3}, {:.1} % explained; waves: chi2 {:.3}, {:.1} % explained; {} are better by {:.0} in BIC",
+            c.geometric.chi2,
+            100.0 * c.geometric.r2,
+            c.waves.chi2,
+            100.0 * c.waves.r2,
+            if c.recommends_waves() { "waves" } else { "rays" },
+            (c.geometric.bic - c.waves.bic).abs()
+        )
+    }));
+    lines.push(fitted.sentence());
+    lines.join("\n")
+}

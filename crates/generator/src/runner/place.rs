@@ -1,0 +1,199 @@
+//! A dataset, wherever it is.
+
+use std::io::{BufReader, Cursor};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use dataset::manifest::Manifest;
+use dataset::{CalibrationRow, RecordingFacts, Row, TableReader};
+use microsig_core::formats::{data_file, settings_file, tiff};
+use microsig_core::sensor::{Counts, Image};
+use microsig_core::{Particle, Settings};
+
+use super::memory::{Calibration, MemoryDataset};
+use super::progress::Progress;
+use storage::error::{Error, Result};
+use storage::input;
+
+/// The settings of the calibration stacks.
+const SETTINGS: &str = "calibration/settings.txt";
+
+/// A dataset in a folder or in memory. What is in a folder is validated as untrusted input.
+#[derive(Debug, Clone)]
+pub enum DatasetPlace {
+    /// Its folder.
+    Folder(PathBuf),
+    /// In memory.
+    Memory(Arc<MemoryDataset>),
+}
+
+impl From<&Path> for DatasetPlace {
+    fn from(folder: &Path) -> Self {
+        DatasetPlace::Folder(folder.to_owned())
+    }
+}
+
+impl DatasetPlace {
+    /// What a file is called in messages.
+    pub fn shown(&self, path: &str) -> String {
+        match self {
+            DatasetPlace::Folder(folder) => folder.join(path).display().to_string(),
+            DatasetPlace::Memory(_) => path.to_owned(),
+        }
+    }
+
+    /// The manifest.
+    ///
+    /// # Errors
+    /// A manifest that cannot be read.
+    pub fn manifest(&self) -> Result<Manifest> {
+        match self {
+            DatasetPlace::Folder(folder) => Manifest::read(folder),
+            DatasetPlace::Memory(made) => made.manifest(),
+        }
+    }
+
+    /// The facts about its recording.
+    ///
+    /// # Errors
+    /// A dataset that is not finished; a manifest that cannot be read.
+    pub fn facts(&self) -> Result<RecordingFacts> {
+        match self {
+            DatasetPlace::Folder(folder) => RecordingFacts::read(folder),
+            DatasetPlace::Memory(made) => Ok(RecordingFacts::of(&made.manifest()?)),
+        }
+    }
+
+    /// A frame or an image of a calibration stack of this size (px), by its path.
+    ///
+    /// # Errors
+    /// An image that does not exist, cannot be read, or has another size.
+    pub fn image(&self, path: &str, size: (u32, u32)) -> Result<Counts> {
+        match self {
+            DatasetPlace::Folder(folder) => {
+                let path = folder.join(path);
+                let bytes = input::read(&path)?;
+                Ok(tiff::read_counts(Cursor::new(bytes), &path.display().to_string(), size)?)
+            }
+            DatasetPlace::Memory(made) => image_of(made, path).map(|image| image.counts),
+        }
+    }
+
+    /// A frame or an image of a calibration stack, by its path; `bits` is the depth of images in a folder.
+    ///
+    /// # Errors
+    /// An image that does not exist or cannot be read.
+    pub fn whole_image(&self, path: &str, bits: u8) -> Result<Image> {
+        match self {
+            DatasetPlace::Folder(folder) => {
+                let path = folder.join(path);
+                let (bytes, name) = (input::read(&path)?, path.display().to_string());
+                let (width, height) = tiff::size(BufReader::new(Cursor::new(&bytes)), &name)?;
+                let counts = tiff::read_counts(Cursor::new(&bytes), &name, (width, height))?;
+                Ok(Image { width, height, bits, counts })
+            }
+            DatasetPlace::Memory(made) => image_of(made, path),
+        }
+    }
+
+    /// Whether the dataset has calibration stacks.
+    ///
+    /// # Errors
+    /// Stacks that cannot be rendered.
+    pub fn has_calibration(&self) -> Result<bool> {
+        match self {
+            DatasetPlace::Folder(folder) => Ok(folder.join(CalibrationRow::PATH).is_file()),
+            DatasetPlace::Memory(made) => Ok(made.calibration(&Progress::Hidden)?.is_some()),
+        }
+    }
+
+    /// Calls `each` for the rows of the table of calibration stacks, with the numbers of their lines; a folder must have the columns
+    /// `needed`.
+    ///
+    /// # Errors
+    /// A table that cannot be read; those of `each`, with file and line.
+    pub fn calibration_rows(
+        &self,
+        needed: &[&str],
+        mut each: impl FnMut(u64, CalibrationRow) -> std::result::Result<(), String>,
+    ) -> Result<()> {
+        match self {
+            DatasetPlace::Folder(folder) => {
+                TableReader::open(folder.join(CalibrationRow::PATH))?.rows(needed, each).map(drop)
+            }
+            DatasetPlace::Memory(made) => {
+                let rows =
+                    made.calibration(&Progress::Hidden)?.map(|stack| &stack.rows).into_iter().flatten();
+                (2..).zip(rows).try_for_each(|(line, row)| {
+                    each(line, row.clone())
+                        .map_err(|what| Error::input(format!("{}:{line}: {what}", CalibrationRow::PATH)))
+                })
+            }
+        }
+    }
+
+    /// The settings with which the calibration stacks were made, if they are known; the numerical aperture of those in a folder is less
+    /// than `largest`.
+    ///
+    /// # Errors
+    /// A settings file that cannot be read.
+    pub fn calibration_settings(&self, largest: f64) -> Result<Option<Settings>> {
+        match self {
+            DatasetPlace::Folder(folder) => {
+                let path = folder.join(SETTINGS);
+                if !path.exists() {
+                    return Ok(None);
+                }
+                let read =
+                    settings_file::read_immersed(input::open(&path)?, &path.display().to_string(), largest)?;
+                Ok(Some(read.settings))
+            }
+            DatasetPlace::Memory(made) => {
+                Ok(made.calibration(&Progress::Hidden)?.map(|stack| stack.settings.clone()))
+            }
+        }
+    }
+
+    /// The particle of a data file of the calibration stacks.
+    ///
+    /// # Errors
+    /// A file that does not exist, cannot be read, or has no particle.
+    pub fn calibration_particle(&self, path: &str) -> Result<Particle> {
+        match self {
+            DatasetPlace::Folder(folder) => {
+                let path = folder.join(path);
+                let name = path.display().to_string();
+                let first = data_file::read(input::open(&path)?, &name)?.into_iter().next();
+                let none = || format!("{name}: no particle; expected that of the calibration image");
+                first.ok_or_else(|| Error::input(none()))
+            }
+            DatasetPlace::Memory(made) => {
+                let stack = made.calibration(&Progress::Hidden)?;
+                let particle =
+                    stack.and_then(|stack| stack.particles.get(stack.row_of(|row| &row.particles, path)?));
+                particle.copied().ok_or_else(|| missing(path))
+            }
+        }
+    }
+}
+
+impl Calibration {
+    /// The row with this path.
+    fn row_of(&self, of: impl Fn(&CalibrationRow) -> &String, path: &str) -> Option<usize> {
+        self.rows.iter().position(|row| of(row) == path)
+    }
+}
+
+/// A frame or an image of a calibration stack.
+fn image_of(made: &MemoryDataset, path: &str) -> Result<Image> {
+    if let Some(frame) = made.frame_of(path) {
+        return Ok(made.image(frame));
+    }
+    let stack = made.calibration(&Progress::Hidden)?;
+    let image = stack.and_then(|stack| stack.images.get(stack.row_of(|row| &row.image, path)?));
+    image.cloned().ok_or_else(|| missing(path))
+}
+
+fn missing(path: &str) -> Error {
+    Error::input(format!("{path}: this dataset in memory has no such file"))
+}
