@@ -60,7 +60,7 @@ def parsed(value: str) -> Any:
 
 
 def interval(name: str, value: Any) -> tuple[float, float]:
-    """Two numbers."""
+    """Two numbers, whose order the compiled part checks."""
     allowed = "expected two numbers, the lower one first"
     if not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, str) or len(value) != 2:
         raise TypeError(f"{name} = {value!r}: {allowed}")

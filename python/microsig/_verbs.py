@@ -103,7 +103,9 @@ class Fit:
         :raises FileExistsError: the folder exists
         :raises OSError: writing failed
         """
-        self._made.save(Path(path), flag("force", force))
+        warning = self._made.save(Path(path), flag("force", force))
+        if warning is not None:
+            warnings.warn(warning, stacklevel=2)
         self._path = Path(path)
         return self._path
 
@@ -127,7 +129,10 @@ def _scan(scan: Any, z: Any) -> tuple[Path | NDArray[Any], Path | list[float] | 
             raise ValueError("scan: of several sizes of particles; expected one, as calibration.of_size(d_um)")
         scan, z = scan.images, scan.z_um if z is None else z
     if z is not None and not isinstance(z, (str, os.PathLike)):
-        z = np.asarray(z, dtype=float).tolist()
+        positions_um = floats("z", z)
+        if positions_um.ndim != 1:
+            raise ValueError(f"z of shape {positions_um.shape}: expected (steps,)")
+        z = positions_um.tolist()
     positions = Path(z) if isinstance(z, (str, os.PathLike)) else z
     if isinstance(scan, (str, os.PathLike)):
         return Path(scan), positions
@@ -135,6 +140,13 @@ def _scan(scan: Any, z: Any) -> tuple[Path | NDArray[Any], Path | list[float] | 
     if array.ndim != 3 or array.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"scan of shape {array.shape} and type {array.dtype}: expected uint8 or uint16 (steps, rows, columns)")
     return np.ascontiguousarray(array), positions
+
+
+def _planes(planes: tuple[int, int]) -> tuple[int, int]:
+    """First and last plane."""
+    if not isinstance(planes, Sequence) or isinstance(planes, str) or len(planes) != 2:
+        raise TypeError(f"planes = {planes!r}: expected the first and the last one")
+    return whole("planes", planes[0]), whole("planes", planes[1])
 
 
 def fit(
@@ -240,7 +252,7 @@ def fit(
         "fluid": optional(real, "fluid", fluid),
         "fluid_depth_um": optional(real, "fluid_depth_um", fluid_depth_um),
         "field": flag("field", field),
-        "planes": None if planes is None else tuple(whole("planes", plane) for plane in planes),
+        "planes": None if planes is None else _planes(planes),
         "window_px": optional(whole, "window_px", window_px, 7, 129),
         "bootstrap": whole("bootstrap", bootstrap, 0, 10_000),
         "seed": whole("seed", seed, 0, LAST_SEED),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use dataset::TableReader;
 use dataset::manifest::Manifest;
-use generator::runner::{Calibration, DatasetPlace, GenerateOptions, MemoryDataset};
+use generator::runner::{DatasetPlace, GenerateOptions, MemoryDataset};
 use microsig_core::KEYS;
 use microsig_core::formats::tiff;
 use microsig_core::render::Context;
@@ -101,20 +101,13 @@ impl Made {
     /// Table and images of the calibration stack, if there is one.
     fn calibration<'py>(&self, py: Python<'py>) -> PyResult<Option<(PyTable<'py>, Bound<'py, PyAny>)>> {
         let made = Arc::clone(&self.0);
-        let calibration = run(py, false, OnInterrupt::Leave, move |progress| {
-            let of = |stack: &Calibration| {
-                let counts = stack.images.iter().map(|image| image.counts.clone()).collect::<Vec<_>>();
-                let size = stack
-                    .images
-                    .first()
-                    .map_or((0, 0), |image| (image.height as usize, image.width as usize));
-                (stack.table.clone(), stack.columns(), counts, size)
-            };
-            Ok(made.calibration(progress)?.map(of))
-        })?;
-        let Some((of, columns, counts, (rows, width))) = calibration else { return Ok(None) };
-        let frames = counts.len();
-        Ok(Some((table(py, &of, columns)?, stack(py, counts, (frames, rows, width))?)))
+        let calibration = run(py, false, OnInterrupt::Leave, move |progress| made.calibration(progress))?;
+        let Some(calibration) = calibration else { return Ok(None) };
+        let ((of, columns), images) = (calibration.table, calibration.images);
+        let size = images.first().map_or((0, 0), |image| (image.height as usize, image.width as usize));
+        let n = images.len();
+        let counts = images.into_iter().map(|image| image.counts).collect();
+        Ok(Some((table(py, &of, columns)?, stack(py, counts, (n, size.0, size.1))?)))
     }
 
     /// The scenario, every default written out, as [`written`] gives it.

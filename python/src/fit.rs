@@ -148,8 +148,8 @@ impl How {
 struct FittedMicroscope {
     made: Arc<FittedScan>,
     scan: String,
-    /// About the positions of planes.
-    warning: Option<String>,
+    /// About the positions of planes and the folder.
+    warnings: Vec<String>,
 }
 
 #[pymethods]
@@ -166,7 +166,7 @@ impl FittedMicroscope {
 
     /// What should be known.
     fn warnings(&self) -> Vec<String> {
-        self.warning.iter().chain(self.made.warnings()).cloned().chain(self.made.failure()).collect()
+        self.warnings.iter().chain(self.made.warnings()).cloned().chain(self.made.failure()).collect()
     }
 
     /// A text file of the fit, such as `scenario.ron`.
@@ -176,12 +176,15 @@ impl FittedMicroscope {
         Ok(String::from_utf8_lossy(bytes).into_owned())
     }
 
-    /// Writes the report and the files into a folder.
-    fn save(&self, py: Python<'_>, out: PathBuf, force: bool) -> PyResult<()> {
+    /// Writes the report and the files into a folder; gives a warning about it.
+    fn save(&self, py: Python<'_>, out: PathBuf, force: bool) -> PyResult<Option<String>> {
         let (made, scan) = (Arc::clone(&self.made), self.scan.clone());
         let is_field = matches!(*made, FittedScan::Field { .. });
         run(py, false, OnInterrupt::Wait, move |_| {
-            FitFolder::start(&out, is_field, force)?.finish(&made, &scan, &out)
+            let folder = FitFolder::start(&out, is_field, force)?;
+            let warning = folder.warning().map(str::to_owned);
+            folder.finish(&made, &scan, &out)?;
+            Ok(warning)
         })
     }
 }
@@ -200,8 +203,7 @@ fn fit_scan(
     let file = if let Images::File(path) = scan { Some(path) } else { None };
     run(py, show, OnInterrupt::Wait, move |progress| {
         let options = how.options()?;
-        // Before the scan is read.
-        options.check()?;
+        FittedScan::check(&options, how.field)?;
         let name = file.as_ref().map_or("scan".to_owned(), |path| path.display().to_string());
         let positions = match (z, how.z_step_um) {
             (Some(Positions::File(path)), _) => StagePositions::Table(path.into()),
@@ -223,6 +225,8 @@ fn fit_scan(
         let folder = out
             .map(|(out, force)| FitFolder::start(&out, how.field, force).map(|folder| (folder, out)))
             .transpose()?;
+        let mut warnings: Vec<String> = options.warning().into_iter().collect();
+        warnings.extend(folder.iter().filter_map(|(folder, _)| folder.warning().map(str::to_owned)));
         let spinner = progress.spinner("fit");
         let watch = |what: &str| spinner.set_message(format!("fit: {what}"));
         let made = FittedScan::of(&scan, &options, how.field, &watch)?;
@@ -230,7 +234,7 @@ fn fit_scan(
         if let Some((folder, out)) = folder {
             folder.finish(&made, &name, &out)?;
         }
-        Ok(FittedMicroscope { made: Arc::new(made), scan: name, warning: options.warning() })
+        Ok(FittedMicroscope { made: Arc::new(made), scan: name, warnings })
     })
 }
 

@@ -89,6 +89,23 @@ def test_fit_takes_files_calibrations_and_arrays(dataset, tmp_path):
         ms.fit(scan, magnification=-1, pixel_size_um=6.5)
     with pytest.raises(FileExistsError):
         fitted(scan, out=tmp_path / "p")
+    pixels = np.asarray(scan.images)
+    middle = [[0.5 * (n + 1) for n in pixels.shape[:0:-1]]]
+    assert fitted(scan, particles=middle * 3)["numerical_aperture"] == of_scan["numerical_aperture"]
+    for more, says in (
+        ({"particles": [[np.nan, 9]]}, "particles: \\(NaN, 9\\): expected a position in px on the image"),
+        ({"particles": [[1e6, 9]]}, "expected a position in px on the image"),
+        ({"particles": np.zeros((0, 2))}, "particles: no rows"),
+        ({"z": [[0.0]]}, "z of shape"),
+        ({"z": [0.0, 1.0]}, "z: 2 positions; expected a finite one for each"),
+        ({"z_step_um": np.nan, "z": None}, "z_step_um = NaN"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            fitted(pixels, **({"z": scan.z_um} | more))
+    with pytest.raises(ValueError, match="expected planes"):
+        fitted(np.zeros((9, 0, 0), np.uint16), z_step_um=1)
+    with pytest.raises(TypeError, match="planes = \\(0, 5, 8\\): expected the first"):
+        fitted(scan, planes=(0, 5, 8))
 
 
 def test_arrays_cross_in_memory(dataset, tmp_path, monkeypatch):
@@ -182,6 +199,9 @@ def test_release_makes_a_challenge(dataset, tmp_path):
         archive.extractall(tmp_path / "test")
     test = ms.open(next((tmp_path / "test").iterdir()))
     assert len(test) == len(test.images) == 2 and len(test.frames) == 2
+    with pytest.raises(ValueError, match="(?s)were not provided:.*codabench") as told:
+        ms.release(dataset, tmp_path / "new", wheel="x.whl")
+    assert "--" not in str(told.value).split("provided:")[1]
     again = ms.release(dataset, tmp_path / "out", resume=True)
     assert again["out"] == str(tmp_path / "out")
     with pytest.raises(FileExistsError):

@@ -100,7 +100,6 @@ def twin(out, depths_um, focus_um, particles):
     frames = [particles.assign(frame=k, track=particles.index, z_um=z - focus_um) for k, z in enumerate(depths_um)]
     folder = out / "scenario"
     folder.mkdir(exist_ok=True)
-    (folder / "settings.txt").write_bytes((out / "fitted" / "settings.txt").read_bytes())
     pd.concat(frames).round(4).to_csv(folder / "tracks.csv", index=False)
     scenario = (out / "fitted" / "scenario.ron").read_text()
     for key, value in {

@@ -135,7 +135,7 @@ fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
     };
     hinted(&|r| r.frame += 1, "frames off by one? With the number of the first frame increased by one");
     hinted(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped? With x and y exchanged");
-    hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With y upward");
+    hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With y reversed");
 
     let mut shifted = perfect.clone();
     shifted.rows.iter_mut().for_each(|r| r.at.x_px += 5.0);

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use arena::report::{field_page, fit_page};
-use fit::{FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, Scan, Verdict};
+use fit::{FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, Scan, Verdict, WaveModel};
 use microsig_core::render::waves::Lens;
 use serde_json::Value;
 use storage::advice;
@@ -42,15 +42,23 @@ impl FittedScan {
         if !is_field {
             return Ok(FittedScan::Uniform(Box::new(fit::fit(scan, options, watch)?)));
         }
-        options.check()?;
         let made = Box::new(fit::fit_field(scan, &of_field(scan, options)?, watch)?);
         Ok(FittedScan::Field { made, size_px: [scan.width, scan.height] })
+    }
+
+    /// Checks the options before the scan is read and the folder claimed.
+    ///
+    /// # Errors
+    /// Options out of range or, of a field, without wave optics and diameter.
+    pub fn check(options: &FitOptions, is_field: bool) -> Result<()> {
+        options.check()?;
+        if is_field { light(options).map(drop) } else { Ok(()) }
     }
 
     /// The result, as in `fit.json` or `field.json`.
     ///
     /// # Errors
-    /// None.
+    /// A number that cannot be serialized; never observed.
     pub fn result(&self) -> Result<Value> {
         let result = match self {
             FittedScan::Uniform(made) => serde_json::to_value(&made.fitted),
@@ -139,8 +147,8 @@ impl FitFolder {
     }
 }
 
-/// The options of a fit of a field.
-fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
+/// Light and diameter, which a fit of a field needs.
+fn light(options: &FitOptions) -> Result<(WaveModel, f64)> {
     let (Some(waves), Some(diameter_um)) = (options.waves, options.diameter_um) else {
         let (model, diameter) = (option("model").is("waves"), option("diameter_um"));
         return Err(Error::option(advice!(flag("field"), ": expected with ", model, " and ", diameter)));
@@ -155,9 +163,17 @@ fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
         return Err(Error::option(what));
     }
     if options.given.depth_factor != 1.0 {
-        let (factor, what) = (option("depth_factor"), ": expected 1, because depths are those in the fluid");
+        let factor = option("depth_factor").of(options.given.depth_factor);
+        let what = ": expected 1, because depths are those in the fluid";
         return Err(Error::option(advice!(factor, " with ", flag("field"), what)));
     }
+    Ok((waves, diameter_um))
+}
+
+/// The options of a fit of a field.
+fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
+    options.check()?;
+    let (waves, diameter_um) = light(options)?;
     Ok(FieldOptions {
         given: options.given,
         diameter_um,
@@ -171,11 +187,10 @@ fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
     })
 }
 
-/// Reads particle positions (px) from a table; rows closer than 3 px in x and y, such as those of several
-/// frames, count once.
+/// Reads particle positions (px) from a table.
 ///
 /// # Errors
-/// A table that cannot be read; a position that is not on an image; no rows.
+/// A table that cannot be read.
 pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
     #[derive(serde::Deserialize)]
     struct Row {
@@ -185,25 +200,10 @@ pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
         y_px: f64,
     }
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.open()?);
-    let mut places: Vec<[f64; 2]> = Vec::new();
+    let mut places = Vec::new();
     for (i, row) in reader.deserialize::<Row>().enumerate() {
         let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;
-        if !(row.x_px.is_finite() && row.y_px.is_finite() && row.x_px >= 1.0 && row.y_px >= 1.0) {
-            return Err(Error::input(format!(
-                "{}:{}: ({}, {}): expected a position in px on the image, with the first pixel's center at (1, 1)",
-                file.display(),
-                i + 2,
-                row.x_px,
-                row.y_px
-            )));
-        }
-        if !places.iter().any(|[x, y]| (x - row.x_px).abs() < 3.0 && (y - row.y_px).abs() < 3.0) {
-            places.push([row.x_px, row.y_px]);
-        }
-    }
-    if places.is_empty() {
-        let what = format!("{}: no rows: expected the positions of particles", file.display());
-        return Err(Error::input(what));
+        places.push([row.x_px, row.y_px]);
     }
     Ok(places)
 }

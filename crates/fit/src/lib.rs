@@ -114,11 +114,10 @@ impl FitOptions {
         // The same hint as for scenarios (`scenario::language::read`).
         let um = (pixel_size_um * 1e12).round() / 1e6;
         if !Given::PIXEL_SIZES_UM.allows(pixel_size_um) && Given::PIXEL_SIZES_UM.allows(um) {
-            let key = option(Given::PIXEL_SIZES_UM.key);
-            wrong.push(advice!(key, format!(" is in um: {pixel_size_um:e} m is {um}")));
+            wrong.push(advice!(format!("a pixel of {pixel_size_um:e} m has {um} um")));
         }
         if layers.is_some() && depth_factor != 1.0 {
-            let what = ", expected 1, because depths are those in the fluid";
+            let what = ": expected 1, because depths are those in the fluid";
             let (factor, fluid) = (option("depth_factor").of(depth_factor), option("fluid"));
             wrong.push(advice!(factor, " with ", fluid, what));
         }
@@ -162,7 +161,7 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
     watch("background, particles and widths");
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
-        Some(places) => particles::given(places),
+        Some(places) => particles::given(scan, places)?,
         None => particles::find(scan, background)?,
     };
     let half = options.half_window.unwrap_or_else(|| particles::half_width(scan, background, &candidates));

@@ -300,7 +300,7 @@ fn halo([fitted, dark]: [f64; 2], light: f64, edge: usize) -> Option<String> {
             "the fitted background is {fitted:.1} counts, that of the dark pixels of the scan {dark:.1}: over a window of {edge} px, \
              the difference is {:.1} % of the light of a particle. Particle images that are wider than the window or overlap cause \
              this; numerical aperture and focal length are then probably wrong: use particles farther apart or, for a corrected \
-             objective, the model of waves",
+             objective, the wave model",
             100.0 * share
         )
     })

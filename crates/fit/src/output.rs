@@ -21,6 +21,9 @@ const FEWEST_PARTICLES: usize = 5;
 const DISPLACEMENT_PX: f64 = 5.0;
 const DT_S: f64 = 0.005;
 
+/// Number of optical keys in a line of the scenario.
+const IN_A_LINE: usize = 5;
+
 /// A file of the folder.
 pub(super) type NamedBytes = (&'static str, Vec<u8>);
 
@@ -127,17 +130,22 @@ impl Twin<'_> {
             0.0 => String::new(),
             sd => format!(", c_int: normal(mean: 1.0, sd: {sd:?})"),
         };
-        let settings = KEYS.iter().zip(self.settings.values()).map(|(key, value)| {
+        let mut settings = String::new();
+        let values = KEYS.iter().zip(self.settings.values());
+        // A focal length of 0, which would exclude `focal_planes_um`, is the default.
+        for (k, (key, value)) in
+            values.filter(|(key, value)| *value != 0.0 || !key.name.starts_with("cyl")).enumerate()
+        {
+            let separator = if k % IN_A_LINE == 0 { "\n        " } else { " " };
             let value = if key.is_whole { format!("{value}") } else { format!("{value:?}") };
-            format!("{}: {value}, ", key.name)
-        });
-        let settings: String = settings.collect();
+            settings += &format!("{separator}{}: {value},", key.name);
+        }
         let speed = round(DISPLACEMENT_PX * self.px_um / DT_S, 1);
         format!(
             "// Images as the scanned microscope would record them; written by `microsig fit`.\n\
              // Choose a flow (`microsig flows`), the depth range, the number of particles and the timing.\n\
              (\n    name: \"twin\",\n    description: \"Digital twin of a real microscope\",\n    \
-             optics: ({settings}depth_factor: {depth_factor:?}{optics}),\n    \
+             optics: ({settings}\n        depth_factor: {depth_factor:?}{optics},\n    ),\n    \
              motion: flow(field: poiseuille(max_speed_um_s: {speed:?})),\n    \
              particles: (number: count({}), diameter_um: constant({}){c_int}),\n    \
              boundaries: (z_um: ({low:?}, {high:?})),\n    timing: pairs(count: 10, dt_s: {DT_S:?}),\n{render}{sensor})\n",

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use super::background::Background;
 use super::scan::Scan;
+use storage::advice;
+use storage::advice::{Advice, option};
 use storage::error::{Error, Result};
 
 /// Maximum number of particles in a fit; more take time without adding information.
@@ -131,20 +133,54 @@ pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>
     found.sort_by(|a, b| b.brightness.total_cmp(&a.brightness));
     if found.is_empty() {
         let best = sum.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
-        return Err(Error::input(format!(
+        let what = format!(
             "no particle found: the brightest position, ({}, {}) px, has {:.0} counts above the background in the smoothed sum over all planes, \
-             the threshold is {threshold:.0}; give the positions of the particles",
+             the threshold is {threshold:.0}; give the positions of the particles with ",
             best % w + 1,
             best / w + 1,
             sum[best]
+        );
+        return Err(Error::option(advice!(what, option("particles"))));
+    }
+    Ok(found)
+}
+
+/// Particles at positions given by the user, px, with the first pixel's center at (1, 1); those closer than 3 px
+/// in x and y, such as the positions of a particle in several frames, are one.
+///
+/// # Errors
+/// A position that is not on the image; none.
+pub(super) fn given(scan: &Scan, places_px: &[[f64; 2]]) -> Result<Vec<Candidate>> {
+    let mut found: Vec<Candidate> = Vec::new();
+    let most = [scan.width, scan.height].map(|pixels| pixels as f64);
+    for &[x, y] in places_px {
+        if !((1.0..=most[0]).contains(&x) && (1.0..=most[1]).contains(&y)) {
+            let what = format!(
+                ": ({x}, {y}): expected a position in px on the image of {} x {} px, with the first pixel's center at (1, 1)",
+                most[0], most[1]
+            );
+            return Err(Error::option(advice!(option("particles"), what)));
+        }
+        let candidate = Candidate { x: x - 1.0, y: y - 1.0, brightness: 0.0 };
+        let is_same =
+            |other: &Candidate| (other.x - candidate.x).abs() < 3.0 && (other.y - candidate.y).abs() < 3.0;
+        if !found.iter().any(is_same) {
+            found.push(candidate);
+        }
+    }
+    if found.is_empty() {
+        return Err(Error::option(advice!(
+            option("particles"),
+            ": no rows: expected the positions of particles"
         )));
     }
     Ok(found)
 }
 
-/// Particles at positions given by the user, px, with the first pixel's center at (1, 1).
-pub(super) fn given(places_px: &[[f64; 2]]) -> Vec<Candidate> {
-    places_px.iter().map(|[x, y]| Candidate { x: x - 1.0, y: y - 1.0, brightness: 0.0 }).collect()
+/// What helps if windows are too large.
+pub(super) fn smaller(what: String) -> Advice {
+    let (planes, window) = (option("planes"), option("window_px"));
+    advice!(what, "omit the planes with the largest images (", planes, ") or set a smaller ", window)
 }
 
 /// Half width of the windows, px: the largest radius at which the ring around a particle is lit in any plane,
@@ -224,20 +260,18 @@ pub(super) fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Res
     }
     if particles.is_empty() {
         let n = candidates.len();
-        let reason = if saturated == n {
-            format!(
-                "all {n} particles are saturated (3 or more pixels at {} counts): reduce the exposure",
-                scan.full_scale
-            )
-        } else {
-            format!(
-                "none of {n} particles can be used with windows of {0} x {0} px: {cut} are cut by the edge of the image, \
-                 {crowded} overlap neighbors, {saturated} are saturated; omit the planes with the largest images or \
-                 set a smaller window",
-                2 * half + 1
-            )
-        };
-        return Err(Error::Input(vec![reason]));
+        if saturated == n {
+            let counts = scan.full_scale;
+            return Err(Error::input(format!(
+                "all {n} particles are saturated (3 or more pixels at {counts} counts): reduce the exposure"
+            )));
+        }
+        let what = format!(
+            "none of {n} particles can be used with windows of {0} x {0} px: {cut} are cut by the edge of the image, \
+             {crowded} overlap neighbors, {saturated} are saturated; ",
+            2 * half + 1
+        );
+        return Err(Error::option(smaller(what)));
     }
     Ok(Windows { half, particles })
 }

@@ -72,6 +72,12 @@ impl StagePositions {
         Ok(match self {
             StagePositions::Table(file) => Some(read_positions(file, names, n)?),
             StagePositions::Given(stage_um) => Some(stage_um.clone()),
+            StagePositions::Step(step) if !step.is_finite() => {
+                return Err(Error::option(advice!(
+                    option("z_step_um").of(step),
+                    ": expected a finite number"
+                )));
+            }
             StagePositions::Step(step) => Some((0..n).map(|i| step * i as f64).collect()),
             StagePositions::FromFile => None,
         })
@@ -100,7 +106,7 @@ impl Scan {
         full_scale: u16,
     ) -> Result<Scan> {
         let pixels = width.saturating_mul(height);
-        if planes.iter().any(|plane| plane.len() != pixels) {
+        if pixels == 0 || planes.iter().any(|plane| plane.len() != pixels) {
             return Err(Error::input(format!("expected planes of {width} x {height} px")));
         }
         if pixels.saturating_mul(planes.len()) > MAX_PIXELS {
@@ -141,11 +147,18 @@ impl Scan {
                 (0..n).map(|i| step * i as f64).collect()
             }
         };
+        let named = |name: String| {
+            move |e: Error| match e {
+                Error::Input(what) => Error::input(format!("{name}: {}", what.join("; "))),
+                other => other,
+            }
+        };
+        if let StagePositions::Table(file) = positions {
+            check_monotonic(&stage_um).map_err(named(file.display().to_string()))?;
+        }
         let Planes { width, height, planes, full_scale, .. } = planes;
-        let scan = Scan::new((width, height), planes, stage_um, full_scale).map_err(|e| match e {
-            Error::Input(what) => Error::input(format!("{}: {}", path.display(), what.join("; "))),
-            other => other,
-        })?;
+        let scan = Scan::new((width, height), planes, stage_um, full_scale)
+            .map_err(named(path.display().to_string()))?;
         Ok(Scan { warnings, ..scan })
     }
 

@@ -13,6 +13,8 @@ use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::{Counts, Image};
 use rayon::prelude::*;
 use storage::OutputFolder;
+use storage::advice;
+use storage::advice::{Advice, option};
 use storage::error::{Error, Result};
 use tracking::GrayImage;
 
@@ -95,7 +97,7 @@ impl Stacks {
         let (particles, mut unused) =
             usable(scan, &levels, &located, (half, &radii), |at| chosen.contains(&at));
         if particles.is_empty() {
-            return Err(Error::input(none(&name.to_string(), &located, half, unused)));
+            return Err(Error::option(none(&name.to_string(), &located, half, unused)));
         }
         options.progress.check()?;
         let found = particles.len();
@@ -344,12 +346,12 @@ fn equal_light(places: &mut [PlaceStack], light: f32) {
 }
 
 /// Why no particle can be used.
-fn none(name: &str, located: &Located, half: usize, unused: Unused) -> String {
+fn none(name: &str, located: &Located, half: usize, unused: Unused) -> Advice {
     let (n, width) = (located.places.len(), 2 * half + 1);
-    format!(
+    let what = format!(
         "{name}: none of {n} particles can be used with calibration images of {width} x {width} px: {} cut by the edge of the image, \
-         {} too close to others, {} saturated; expected at least one; set a smaller window, leave out the planes \
-         farthest from focus, or reduce the exposure",
+         {} too close to others, {} saturated; expected at least one; set a smaller ",
         unused.cut, unused.crowded, unused.saturated
-    )
+    );
+    advice!(what, option("window_px"), ", leave out the planes farthest from focus, or reduce the exposure")
 }

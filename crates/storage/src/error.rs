@@ -123,6 +123,7 @@ impl Error {
                 problems.clone()
             }
             Error::Problems(problems) => problems.iter().map(ToString::to_string).collect(),
+            Error::Options(all) => all.iter().map(ToString::to_string).collect(),
             Error::Optics(microsig_core::Error::Malformed(faults)) => {
                 faults.iter().map(ToString::to_string).collect()
             }

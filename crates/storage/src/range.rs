@@ -26,7 +26,8 @@ impl NumberRange {
 
     /// What is wrong with a value, if it is not allowed.
     pub fn fault(&self, value: f64) -> Option<Advice> {
-        (!self.allows(value)).then(|| advice!(option(self.key).of(value), format!(": expected {self}")))
+        (!self.allows(value))
+            .then(|| advice!(option(self.key).of(shown(value)), format!(": expected {self}")))
     }
 }
 
@@ -37,7 +38,7 @@ pub fn faults(values: &[(Option<f64>, NumberRange)]) -> Vec<Advice> {
 
 /// A number as a person writes it: `1e9`, not `1000000000`.
 fn shown(value: f64) -> String {
-    let is_plain = value == 0.0 || (1e-4..1e6).contains(&value.abs());
+    let is_plain = value == 0.0 || !value.is_finite() || (1e-4..1e6).contains(&value.abs());
     if is_plain { value.to_string() } else { format!("{value:e}") }
 }
 

@@ -13,6 +13,7 @@ use super::recording::read_image;
 use dataset::manifest::{OpticsFacts, RECORDING};
 use dataset::{CalibrationRow, Row as _};
 use generator::runner::DatasetPlace;
+use rayon::prelude::*;
 use storage::error::{Error, Result};
 use storage::input;
 
@@ -115,13 +116,14 @@ fn images(dataset: &DatasetPlace, rows: Vec<Row>, size: (u32, u32)) -> Result<Ve
         let image = read_image(dataset, &row.image, size)?;
         Ok(CalibrationImage { z_um: row.z_um, at: row.at, image })
     };
-    rows.into_iter().map(image).collect()
+    rows.into_par_iter().map(image).collect()
 }
 
 /// Size of the images (px), and the rows of the stacks nearest to the middle of the field of view.
 fn central(dataset: &DatasetPlace) -> Result<Stacks> {
     let (size, mut stacks) = table(dataset)?;
-    let sensor = dataset.manifest().ok().and_then(|manifest| manifest.microsig.sensor);
+    let manifest = dataset.manifest().ok();
+    let sensor = manifest.as_ref().and_then(|manifest| manifest.microsig.sensor.as_ref());
     let middle = sensor.map_or([0.0; 2], |s| [s.width_px, s.height_px].map(|n| 0.5 * (f64::from(n) - 1.0)));
     let away = |rows: &Vec<Row>| (rows[0].place_at[0] - middle[0]).hypot(rows[0].place_at[1] - middle[1]);
     let nearest = stacks.iter().min_by(|a, b| away(a).total_cmp(&away(b))).map(|rows| rows[0].place);
@@ -164,12 +166,13 @@ pub fn check(dataset: &Path) -> Result<usize> {
 /// # Errors
 /// As [`read`]; a data file without a particle.
 pub(super) fn origins(dataset: &DatasetPlace) -> Result<Vec<Origin>> {
-    let manifest = dataset.manifest()?.microsig;
-    if manifest.kind.as_deref() == Some(RECORDING) && manifest.renderer.is_none() {
+    let manifest = dataset.manifest()?;
+    let facts = &manifest.microsig;
+    if facts.kind.as_deref() == Some(RECORDING) && facts.renderer.is_none() {
         return Err(Error::input(format!(
             "{}: a recording without a model of its optics, which this method needs; `microsig fit` finds them from the scan, \
              `microsig import --optics` puts them in; `ncc` needs no model",
-            dataset.shown("")
+            dataset.name()
         )));
     }
     let (_, stacks) = central(dataset)?;
@@ -200,8 +203,10 @@ fn origin(dataset: &DatasetPlace, rows: &[Row]) -> Result<Origin> {
             last.z_um
         )));
     }
-    let facts = dataset.manifest()?.microsig;
-    let (waves, over_field) = (facts.waves.map(|waves| waves.optics()), facts.optics.unwrap_or_default());
+    let manifest = dataset.manifest()?;
+    let facts = &manifest.microsig;
+    let waves = facts.waves.as_ref().map(|waves| waves.optics());
+    let over_field = facts.optics.unwrap_or_default();
     let largest = waves.as_ref().map_or(1.0, |waves| waves.lens.largest_aperture(waves.layers.as_ref()));
     let zero_um = low.z_um - depth_factor * first.z_um;
     // In datasets both depths are 0 in the same plane, up to rounding.

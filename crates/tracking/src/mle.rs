@@ -82,8 +82,8 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
     let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
-    let sensor = job.dataset.manifest()?.microsig.sensor;
-    let sensor = sensor.map(|sensor| [sensor.width_px, sensor.height_px]);
+    let manifest = job.dataset.manifest()?;
+    let sensor = manifest.microsig.sensor.as_ref().map(|sensor| [sensor.width_px, sensor.height_px]);
     let (mut search, mut images) = (Vec::<Vec<Templates>>::new(), Vec::new());
     let origins = calibration::origins(job.dataset)?;
     let sizes = stacks.into_iter().zip(&origins).map(|(stack, origin)| of_size(job, stack, origin, sensor));

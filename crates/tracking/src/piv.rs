@@ -55,8 +55,8 @@ fn few_particles(per_window: f64, window: usize, pairs: usize) -> Option<String>
         let all = if pairs > 1 { format!(", {:.1} in all {pairs} pairs", per_window * pairs as f64) } else { String::new() };
         format!(
             "interrogation windows of {window} px contain {per_window:.1} particle images on average{all}; reliable correlation \
-             peaks need about {LEAST_PARTICLES:.0}, so expect spurious vectors. A higher seeding density or, in steady flow, the \
-             ensemble of more pairs would help"
+             peaks need about {LEAST_PARTICLES:.0}, so expect spurious vectors. A higher seeding density or, in steady flow, an \
+             ensemble over more pairs would help"
         )
     })
 }

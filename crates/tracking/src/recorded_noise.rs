@@ -21,8 +21,9 @@ impl RecordedNoise {
     /// # Errors
     /// A manifest that cannot be read.
     pub(super) fn read(dataset: &DatasetPlace) -> Result<Option<Self>> {
-        let facts = dataset.manifest()?.microsig;
-        let Some(noise) = facts.noise.filter(|_| facts.kind.as_deref() == Some(RECORDING)) else {
+        let manifest = dataset.manifest()?;
+        let facts = &manifest.microsig;
+        let Some(noise) = facts.noise.as_ref().filter(|_| facts.kind.as_deref() == Some(RECORDING)) else {
             return Ok(None);
         };
         let particles =

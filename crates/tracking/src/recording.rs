@@ -24,13 +24,13 @@ impl Recording {
         let facts = place.facts()?;
         let Some((width, height)) = facts.sensor_px else {
             let what = "the manifest lacks the size of the sensor";
-            return Err(Error::input(format!("{}: {what}", place.shown(""))));
+            return Err(Error::input(format!("{}: {what}", place.name())));
         };
-        let mut images: Vec<String> = facts.images.iter().map(|name| format!("images/{name}")).collect();
-        if let DatasetPlace::Folder(folder) = place {
-            check_images(&folder.join("images"), &facts.images)?;
-            images.sort_by(|a, b| natord::compare(a, b));
-        }
+        let names = match place {
+            DatasetPlace::Folder(folder) => images_in(&folder.join("images"), &facts.images)?,
+            DatasetPlace::Memory(_) => facts.images.clone(),
+        };
+        let images = names.iter().map(|name| format!("images/{name}")).collect();
         Ok(Recording { place: place.clone(), images, size: (width as u32, height as u32), facts })
     }
 
@@ -79,8 +79,8 @@ impl Recording {
     }
 }
 
-/// Checks the images in a folder against the manifest: missing or additional images would shift the frames.
-fn check_images(folder: &Path, listed: &[String]) -> Result<()> {
+/// The names of the images in a folder, checked against the manifest: missing or additional images would shift the frames.
+fn images_in(folder: &Path, listed: &[String]) -> Result<Vec<String>> {
     let mut images: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {
         let path = entry.map_err(|e| Error::read(folder, e))?.path();
@@ -108,7 +108,9 @@ fn check_images(folder: &Path, listed: &[String]) -> Result<()> {
         problems.push(format!("{} unknown: {}", unknown.len(), some(unknown)));
     }
     if problems.is_empty() {
-        return Ok(());
+        let mut names: Vec<String> = found.into_iter().collect();
+        names.sort_by(|a, b| natord::compare(a, b));
+        return Ok(names);
     }
     Err(Error::input(format!(
         "{}: expected the {} images that the dataset's manifest lists; {}",

@@ -25,7 +25,7 @@ pub(super) const METHOD: Method = Method {
         let output = job.particles(|image| detector.find(image))?;
         if output.rows() == 0 {
             job.warn(format!(
-                "no particles found: nothing of {} px (option `diameter`) exceeds {ABOVE_NOISE} standard deviations of \
+                "no particles found: nothing of {} px in diameter exceeds {ABOVE_NOISE} standard deviations of \
                  the noise; defocused images need `ncc`, `mle` or `aptv`",
                 job.options.diameter_px
             ));
@@ -39,7 +39,7 @@ fn defocused(images_px: f64, diameter_px: f64) -> Option<String> {
     (images_px > MUCH_LARGER * diameter_px).then(|| {
         format!(
             "particle images of this dataset are {images_px:.0} px in diameter on average over depth, and images of \
-            {diameter_px} px are searched for (option `diameter`): this method detects a defocused image as several spots or not at all, and measures no depth; use \
+            {diameter_px} px are searched for: this method detects a defocused image as several spots or not at all, and measures no depth; use \
             `ncc`, `mle` or `aptv`"
         )
     })

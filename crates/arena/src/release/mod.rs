@@ -238,14 +238,15 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
 /// can be solved without the images. Returns whether train reveals the velocity field of test.
 fn compare(train: &Path, test: &Path) -> Result<bool> {
     if let Some(shared) = overlap::particles(train, test)?.filter(overlap::Shared::is_beyond_chance) {
-        return Err(Error::input(format!(
+        let what = format!(
             "{}: {:.1} % of the tracks of the test split coincide with tracks of the train split, {:.1} % would coincide by chance: \
              the seeding hardly depends on random numbers, so train reveals the truth of test; use a random seeding, or \
-             another one for the test split",
+             a different one for the test split with ",
             train.display(),
             100.0 * shared.found / shared.tracks as f64,
             100.0 * shared.by_chance / shared.tracks as f64
-        )));
+        );
+        return Err(Error::option(advice!(what, option("test_set"))));
     }
     overlap::field(train, test)
 }

@@ -199,7 +199,7 @@ impl Fit {
             },
             free_flux: self.flux == Flux::Free,
             half_window: self.window.map(|width| usize::from(width) / 2),
-            places_px: self.particles.as_ref().map(read_places).transpose()?,
+            places_px: None,
             waves: self.wavelength.map(|wavelength_um| WaveModel {
                 wavelength_um,
                 emission: self.emission,
@@ -214,9 +214,8 @@ impl Fit {
             bootstrap: usize::from(self.bootstrap),
             seed,
         };
-        // Before the scan is read.
-        options.check()?;
-        Ok(options)
+        FittedScan::check(&options, self.field)?;
+        Ok(FitOptions { places_px: self.particles.as_ref().map(read_places).transpose()?, ..options })
     }
 
     fn range(&self) -> Result<Option<(usize, usize)>> {

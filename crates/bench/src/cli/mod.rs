@@ -47,8 +47,7 @@ pub use output::{Answer, printable};
 use serde_json::json;
 
 use generator::runner::{Progress, Tables};
-use storage::advice;
-use storage::advice::Named;
+use storage::advice::{Advice, Named, Part};
 use storage::error::{Error, Result};
 use storage::table_cache::TableFolder;
 use storage::{clean_up_on_signals, file_size_limits_are_errors};
@@ -249,14 +248,27 @@ impl Cli {
 fn refused(e: clap::Error) -> Error {
     let text = e.to_string();
     let text = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
-    let Some(ContextValue::String(argument)) = e.get(ContextKind::InvalidArg) else {
-        return Error::input(text);
-    };
-    let name = argument.strip_prefix("--").and_then(|rest| rest.split([' ', '=']).next());
-    match (name, text.split_once(argument.as_str())) {
-        (Some(name), Some((before, after))) => Error::option(advice!(before, Named::of_command(name), after)),
-        _ => Error::input(text),
+    let named = [ContextKind::InvalidArg, ContextKind::PriorArg].into_iter().filter_map(|kind| e.get(kind));
+    let named = named.flat_map(|value| match value {
+        ContextValue::String(one) => std::slice::from_ref(one),
+        ContextValue::Strings(all) => all,
+        _ => &[],
+    });
+    let mut parts = vec![Part::from(text)];
+    for argument in named {
+        let Some(name) = argument.strip_prefix("--").and_then(|rest| rest.split([' ', '=']).next()) else {
+            continue;
+        };
+        let split = |part: Part| match &part {
+            Part::Text(text) => match text.split_once(argument.as_str()) {
+                Some((before, after)) => vec![before.into(), Named::of_command(name).into(), after.into()],
+                None => vec![part],
+            },
+            Part::Option(_) => vec![part],
+        };
+        parts = parts.into_iter().flat_map(split).collect();
     }
+    Error::option(Advice(parts))
 }
 
 /// Verbs that write files only if asked to, and the option (or group of options) that asks for it.

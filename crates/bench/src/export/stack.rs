@@ -16,7 +16,7 @@ use super::{ExportFormat, ExportOptions, StackImages};
 /// Writes the stack; gives the number of its images.
 pub(super) fn write(dataset: &DatasetPlace, options: &ExportOptions) -> Result<usize> {
     let manifest = dataset.manifest()?;
-    let lacks = |what: &str| Error::input(format!("{}: the manifest lacks {what}", dataset.shown("")));
+    let lacks = |what: &str| Error::input(format!("{}: the manifest lacks {what}", dataset.name()));
     let um_per_px = dataset.facts()?.um_per_px;
     let um_per_px = um_per_px.ok_or_else(|| lacks("um_per_px, the size of a pixel"))?;
     let bits = manifest.microsig.sensor.as_ref().ok_or_else(|| lacks("the sensor"))?.bit_depth;
@@ -29,7 +29,7 @@ pub(super) fn write(dataset: &DatasetPlace, options: &ExportOptions) -> Result<u
         ExportFormat::OmeTiff => StackFormat::Ome,
         _ => StackFormat::ImageJ,
     };
-    let stack = Stack { name: manifest.name, um_per_px, axis };
+    let stack = Stack { name: manifest.name.clone(), um_per_px, axis };
     if options.out.is_standard() {
         return Err(Error::input(
             "-: expected a file; a stack of images cannot be written to standard output",
@@ -108,9 +108,11 @@ fn calibration(dataset: &DatasetPlace, wanted: Option<&str>) -> Result<(Vec<Stri
             Some(wanted) => format!("no stack {wanted:?}"),
             None => format!("{} stacks", names.len()),
         };
-        let of = if names == [""] { "the only one, which needs none".to_owned() } else { names.join(", ") };
-        let what = format!("{path}: {found}; expected for ");
-        Error::option(advice!(what, option("stack"), format!(" one of {of}")))
+        let what = format!("{path}: {found}; ");
+        Error::option(match names.as_slice() {
+            [""] => advice!(what, "the only stack needs no ", option("stack")),
+            all => advice!(what, "give ", option("stack"), format!(", one of {}", all.join(", "))),
+        })
     })?;
     let (images, depths_um) = stack.iter().cloned().unzip();
     Ok((images, StackAxis::Depth(depths_um)))

@@ -86,7 +86,7 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let frames = Frames::of(scan);
     watch("particles");
     let background = Background::of(&scan.planes);
-    let candidates = particles::given(&options.places_px);
+    let candidates = particles::given(scan, &options.places_px)?;
     let half = options.half_window.unwrap_or_else(|| particles::half_width(scan, background, &candidates));
     let instrument = instrument(options);
     let (subjects, found) = subjects::of(scan, &frames, &instrument, &candidates, half)?;

@@ -57,13 +57,13 @@ pub(super) fn of<'a>(
     let uncut = all.len();
     all.retain(Subject::is_clear);
     if all.is_empty() {
-        return Err(Error::input(format!(
+        return Err(Error::option(particles::smaller(format!(
             "none of {} particles can be used with windows of {2} x {2} px ({cut} cut by the edge of the image, {saturated} saturated, \
-             {} too close to others): set a smaller window or omit the planes with the largest images",
+             {} too close to others): ",
             candidates.len(),
             uncut,
             2 * half + 1
-        )));
+        ))));
     }
     let radius = |subject: &Subject| distance(subject.place_mm, [0.0; 2]);
     all.sort_by(|a, b| radius(a).total_cmp(&radius(b)));

@@ -7,7 +7,6 @@ use std::time::Instant;
 
 use flows::Frame;
 use microsig_core::sensor::{Counts, Image, ImageFormat};
-use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
 use super::cost::Cost;
@@ -19,9 +18,7 @@ use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::manifest::{bit_depth, manifest};
 use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
 use dataset::manifest::{MANIFEST, Manifest, Resource, resource};
-use dataset::{
-    BoxRow, CalibrationRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow,
-};
+use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow};
 use microsig_core::visibility::DepthScan;
 use scenario::Scenario;
 use storage::checksums::Hashing;
@@ -38,7 +35,7 @@ pub struct MemoryDataset {
     truths: Vec<FrameTruth>,
     counts: Counts,
     /// Made when first needed, as the next.
-    calibration: OnceLock<Option<Calibration>>,
+    calibration: OnceLock<Option<CalibrationStack>>,
     manifest: OnceLock<Manifest>,
 }
 
@@ -46,22 +43,9 @@ pub struct MemoryDataset {
 #[derive(Debug)]
 pub struct Calibration {
     /// The table `calibration/calibration.csv`.
-    pub table: Table,
-    /// Its rows.
-    pub rows: Vec<CalibrationRow>,
-    /// The images of the rows.
+    pub table: (Table, Columns),
+    /// The images of its rows.
     pub images: Vec<Image>,
-    /// Their particles, as in the data files.
-    pub particles: Vec<Particle>,
-    /// The settings of the images.
-    pub settings: Settings,
-}
-
-impl Calibration {
-    /// The table by column.
-    pub fn columns(&self) -> Columns {
-        self.table.by_column(self.rows.iter())
-    }
 }
 
 impl MemoryDataset {
@@ -185,12 +169,12 @@ impl MemoryDataset {
     ///
     /// # Errors
     /// None for a resolved scenario.
-    pub fn manifest(&self) -> Result<Manifest> {
+    pub fn manifest(&self) -> Result<&Manifest> {
         if let Some(manifest) = self.manifest.get() {
-            return Ok(manifest.clone());
+            return Ok(manifest);
         }
         let manifest = self.made_manifest()?;
-        Ok(self.manifest.get_or_init(|| manifest).clone())
+        Ok(self.manifest.get_or_init(|| manifest))
     }
 
     fn made_manifest(&self) -> Result<Manifest> {
@@ -239,33 +223,28 @@ impl MemoryDataset {
         Ok(std::iter::once(depths).chain(field).collect())
     }
 
+    /// The calibration stack before it is rendered, if the scenario has one.
+    pub(super) fn calibration_stack(&self) -> Result<Option<&CalibrationStack>> {
+        if let Some(stack) = self.calibration.get() {
+            return Ok(stack.as_ref());
+        }
+        let stack = CalibrationStack::of(&self.scenario, &self.camera, self.scan()?)?;
+        Ok(self.calibration.get_or_init(|| stack).as_ref())
+    }
+
     /// The calibration stack, if the scenario has one.
     ///
     /// # Errors
     /// Settings that cannot be rendered; [`Error::Interrupted`].
-    pub fn calibration(&self, progress: &Progress) -> Result<Option<&Calibration>> {
-        if let Some(calibration) = self.calibration.get() {
-            return Ok(calibration.as_ref());
-        }
-        let calibration = self.made_calibration(progress)?;
-        Ok(self.calibration.get_or_init(|| calibration).as_ref())
-    }
-
-    fn made_calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
-        let scan = self.scan()?;
-        let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, scan)? else { return Ok(None) };
+    pub fn calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
+        let Some(stack) = self.calibration_stack()? else { return Ok(None) };
         let rows = (0..stack.images()).into_par_iter();
         let images = rows.map(|row| {
             progress.check()?;
             Ok(stack.image(row))
         });
-        Ok(Some(Calibration {
-            images: images.collect::<Result<_>>()?,
-            table: stack.table().clone(),
-            rows: stack.rows(),
-            particles: stack.particles().to_vec(),
-            settings: stack.settings().clone(),
-        }))
+        let table = by_column(stack.table().clone(), stack.rows().iter());
+        Ok(Some(Calibration { table, images: images.collect::<Result<_>>()? }))
     }
 
     /// Writes the dataset: the same files as [`super::generate()`]. Nothing is left behind if writing fails.

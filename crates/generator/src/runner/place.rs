@@ -1,5 +1,6 @@
 //! A dataset, wherever it is.
 
+use std::borrow::Cow;
 use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,8 +11,8 @@ use microsig_core::formats::{data_file, settings_file, tiff};
 use microsig_core::sensor::{Counts, Image};
 use microsig_core::{Particle, Settings};
 
-use super::memory::{Calibration, MemoryDataset};
-use super::progress::Progress;
+use super::memory::MemoryDataset;
+use crate::dataset::calibration::CalibrationStack;
 use storage::error::{Error, Result};
 use storage::input;
 
@@ -34,6 +35,14 @@ impl From<&Path> for DatasetPlace {
 }
 
 impl DatasetPlace {
+    /// What it is called in messages.
+    pub fn name(&self) -> String {
+        match self {
+            DatasetPlace::Folder(folder) => folder.display().to_string(),
+            DatasetPlace::Memory(_) => "the dataset in memory".to_owned(),
+        }
+    }
+
     /// What a file is called in messages.
     pub fn shown(&self, path: &str) -> String {
         match self {
@@ -46,10 +55,10 @@ impl DatasetPlace {
     ///
     /// # Errors
     /// A manifest that cannot be read.
-    pub fn manifest(&self) -> Result<Manifest> {
+    pub fn manifest(&self) -> Result<Cow<'_, Manifest>> {
         match self {
-            DatasetPlace::Folder(folder) => Manifest::read(folder),
-            DatasetPlace::Memory(made) => made.manifest(),
+            DatasetPlace::Folder(folder) => Manifest::read(folder).map(Cow::Owned),
+            DatasetPlace::Memory(made) => made.manifest().map(Cow::Borrowed),
         }
     }
 
@@ -60,7 +69,7 @@ impl DatasetPlace {
     pub fn facts(&self) -> Result<RecordingFacts> {
         match self {
             DatasetPlace::Folder(folder) => RecordingFacts::read(folder),
-            DatasetPlace::Memory(made) => Ok(RecordingFacts::of(&made.manifest()?)),
+            DatasetPlace::Memory(made) => Ok(RecordingFacts::of(made.manifest()?)),
         }
     }
 
@@ -72,8 +81,8 @@ impl DatasetPlace {
         match self {
             DatasetPlace::Folder(folder) => {
                 let path = folder.join(path);
-                let bytes = input::read(&path)?;
-                Ok(tiff::read_counts(Cursor::new(bytes), &path.display().to_string(), size)?)
+                let file = BufReader::new(input::open(&path)?);
+                Ok(tiff::read_counts(file, &path.display().to_string(), size)?)
             }
             DatasetPlace::Memory(made) => image_of(made, path).map(|image| image.counts),
         }
@@ -103,7 +112,7 @@ impl DatasetPlace {
     pub fn has_calibration(&self) -> Result<bool> {
         match self {
             DatasetPlace::Folder(folder) => Ok(folder.join(CalibrationRow::PATH).is_file()),
-            DatasetPlace::Memory(made) => Ok(made.calibration(&Progress::Hidden)?.is_some()),
+            DatasetPlace::Memory(made) => Ok(made.calibration_stack()?.is_some()),
         }
     }
 
@@ -122,10 +131,9 @@ impl DatasetPlace {
                 TableReader::open(folder.join(CalibrationRow::PATH))?.rows(needed, each).map(drop)
             }
             DatasetPlace::Memory(made) => {
-                let rows =
-                    made.calibration(&Progress::Hidden)?.map(|stack| &stack.rows).into_iter().flatten();
+                let rows = made.calibration_stack()?.map(CalibrationStack::rows).into_iter().flatten();
                 (2..).zip(rows).try_for_each(|(line, row)| {
-                    each(line, row.clone())
+                    each(line, row)
                         .map_err(|what| Error::input(format!("{}:{line}: {what}", CalibrationRow::PATH)))
                 })
             }
@@ -148,9 +156,7 @@ impl DatasetPlace {
                     settings_file::read_immersed(input::open(&path)?, &path.display().to_string(), largest)?;
                 Ok(Some(read.settings))
             }
-            DatasetPlace::Memory(made) => {
-                Ok(made.calibration(&Progress::Hidden)?.map(|stack| stack.settings.clone()))
-            }
+            DatasetPlace::Memory(made) => Ok(made.calibration_stack()?.map(|stack| stack.settings().clone())),
         }
     }
 
@@ -168,19 +174,13 @@ impl DatasetPlace {
                 first.ok_or_else(|| Error::input(none()))
             }
             DatasetPlace::Memory(made) => {
-                let stack = made.calibration(&Progress::Hidden)?;
-                let particle =
-                    stack.and_then(|stack| stack.particles.get(stack.row_of(|row| &row.particles, path)?));
+                let stack = made.calibration_stack()?;
+                let row =
+                    |stack: &CalibrationStack| stack.rows().iter().position(|row| row.particles == path);
+                let particle = stack.and_then(|stack| stack.particles().get(row(stack)?));
                 particle.copied().ok_or_else(|| missing(path))
             }
         }
-    }
-}
-
-impl Calibration {
-    /// The row with this path.
-    fn row_of(&self, of: impl Fn(&CalibrationRow) -> &String, path: &str) -> Option<usize> {
-        self.rows.iter().position(|row| of(row) == path)
     }
 }
 
@@ -189,9 +189,9 @@ fn image_of(made: &MemoryDataset, path: &str) -> Result<Image> {
     if let Some(frame) = made.frame_of(path) {
         return Ok(made.image(frame));
     }
-    let stack = made.calibration(&Progress::Hidden)?;
-    let image = stack.and_then(|stack| stack.images.get(stack.row_of(|row| &row.image, path)?));
-    image.cloned().ok_or_else(|| missing(path))
+    let stack = made.calibration_stack()?;
+    let row = |stack: &CalibrationStack| stack.rows().iter().position(|row| row.image == path);
+    stack.and_then(|stack| Some(stack.image(row(stack)?))).ok_or_else(|| missing(path))
 }
 
 fn missing(path: &str) -> Error {

@@ -57,7 +57,7 @@ impl SuiteSelection {
             if cases.is_empty() {
                 let (size, names) = (size.name(), names.join(", "));
                 let what = format!(": size {size} has the cases {names}");
-                return Err(Error::option(advice!(option("case").of(name), what)));
+                return Err(Error::option(advice!(option("case").is(name), what)));
             }
         }
         let all = cases.into_iter().flat_map(|case| Split::ALL.map(|split| (case.clone(), split)));

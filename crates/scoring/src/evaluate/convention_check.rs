@@ -267,7 +267,7 @@ impl<'a> ConventionCheck<'a> {
         if let Some((width, height)) = self.truth.facts.sensor_px {
             family.push((
                 "y upward?".to_owned(),
-                "With y upward".to_owned(),
+                "With y reversed".to_owned(),
                 placed(move |at| Position { y_px: height + 1.0 - at.y_px, ..*at }),
             ));
             family.push((

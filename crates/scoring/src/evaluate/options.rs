@@ -149,6 +149,10 @@ pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions
             return Err(Error::option(advice!(option("gate"), what, gate_z, " or ", option("depth_um"))));
         }
     };
+    // Also that of a dataset whose depth range is out of all proportion.
+    if let Some(wrong) = EvaluateOptions::RANGES[1].fault(z_um).filter(|_| z_um.is_finite()) {
+        return Err(Error::option(wrong));
+    }
     Ok(Gate { shape, xy_px, z_um, edge: Edge::Open })
 }
 

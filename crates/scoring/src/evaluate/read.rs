@@ -107,7 +107,7 @@ impl Truth {
         is_field: bool,
         options: &EvaluateOptions,
     ) -> Result<(Self, Limits)> {
-        let facts = RecordingFacts::of(&made.manifest()?);
+        let facts = RecordingFacts::of(made.manifest()?);
         let facts = measurement::with_given(facts, &options.conventions);
         let mut truth = Truth { scenario: Some(Arc::clone(made.scenario())), ..Truth::default() };
         if is_field {
