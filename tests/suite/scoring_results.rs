@@ -261,7 +261,7 @@ fn what_does_not_fit_a_dataset_is_told() {
     let bad = |more: &[&str]| fail(2, &[&["evaluate", path(&dataset), path(&result)], more].concat());
     let message = bad(&["--depth", "10", "-10"]);
     assert!(message.contains("--depth 10 -10: expected two depths in um, the lower one first"), "{message}");
-    assert!(bad(&["--border", "1e9"]).contains("--border 1000000000: expected 0 to 1e7 px"));
+    assert!(bad(&["--border", "1e9"]).contains("--border 1e9: expected 0 to 1e7 px"));
     let bare = fail(2, &["evaluate", path(&result), path(&result), "--border", "3"]);
     assert!(bare.contains("a bare table does not contain"), "{bare}");
 

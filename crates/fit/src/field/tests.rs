@@ -7,6 +7,7 @@ use microsig_core::render::Context;
 use microsig_core::render::waves::Emission;
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt as _, SeedableRng as _};
+use rayon::prelude::*;
 
 use super::local::COUNT;
 use super::*;
@@ -195,16 +196,24 @@ fn the_optics_of_few_particles_are_taken_as_constant() {
 #[test]
 #[ignore = "slow: .ci/full"]
 fn intervals_of_a_field_cover_its_terms() {
-    let seeds = 40;
-    let mut covered = std::collections::BTreeMap::<&str, u32>::new();
-    for seed in 0..seeds {
+    let seeds = 12_u64;
+    // Two minutes each.
+    let fits = (0..seeds).into_par_iter().map(|seed| {
         let (scan, places_px) = scan(Some(seed));
-        let made = fit_field(&scan, &options(places_px), &|_| ()).unwrap().fitted;
+        fit_field(&scan, &options(places_px), &|_| ()).unwrap().fitted
+    });
+    let mut covered = std::collections::BTreeMap::<&str, u32>::new();
+    for made in fits.collect::<Vec<_>>() {
         for (key, truth, _) in TRUTH {
             let found = made.coefficients.iter().find(|c| c.key == key).unwrap();
             *covered.entry(key).or_default() += u32::from((found.value - truth).abs() < 1.96 * found.sd);
         }
     }
-    let missed = |count: &u32| f64::from(*count) < 0.85 * seeds as f64;
-    assert!(!covered.values().any(missed), "covered by intervals of {seeds}: {covered:?}");
+    // Whether the deviations follow from the scatter of particles is tested in `dependence`, with more fields.
+    let share = f64::from(covered.values().sum::<u32>()) / (seeds * TRUTH.len() as u64) as f64;
+    let missed = |count: &u32| f64::from(*count) < 0.75 * seeds as f64;
+    assert!(
+        share > 0.9 && !covered.values().any(missed),
+        "{share} covered by intervals of {seeds}: {covered:?}"
+    );
 }
