@@ -114,13 +114,7 @@ impl How {
             Layers { n_s, focus_depth_um: self.fluid_depth_um.unwrap_or(layers.focus_depth_um), ..layers }
         });
         Ok(FitOptions {
-            given: Given {
-                magnification: self.magnification,
-                pixel_size_um: self.pixel_size_um,
-                ri_medium: self.medium,
-                ri_lens: 1.5 * self.medium,
-                depth_factor: self.depth_factor,
-            },
+            given: Given::new(self.magnification, self.pixel_size_um, self.medium, self.depth_factor),
             diameter_um: self.diameter_um,
             direction: self.direction,
             astigmatic: self.astigmatic.map_or(Astigmatic::Auto, Astigmatic::Known),

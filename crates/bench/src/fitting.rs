@@ -190,7 +190,7 @@ fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
 /// Reads particle positions (px) from a table.
 ///
 /// # Errors
-/// A table that cannot be read.
+/// A table that cannot be read; a position that cannot be on an image, with its line.
 pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
     #[derive(serde::Deserialize)]
     struct Row {
@@ -203,7 +203,15 @@ pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
     let mut places = Vec::new();
     for (i, row) in reader.deserialize::<Row>().enumerate() {
         let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;
-        places.push([row.x_px, row.y_px]);
+        let place = [row.x_px, row.y_px];
+        if place.iter().any(|px| !(px.is_finite() && *px >= 1.0)) {
+            let what = format!(
+                "({}, {}): expected a position in px on the image, with the first pixel's center at (1, 1)",
+                place[0], place[1]
+            );
+            return Err(Error::input(format!("{}:{}: {what}", file.display(), i + 2)));
+        }
+        places.push(place);
     }
     Ok(places)
 }

@@ -21,6 +21,11 @@ pub struct Given {
 }
 
 impl Given {
+    /// A microscope with the usual ratio of refractive indices of lens and medium.
+    pub fn new(magnification: f64, pixel_size_um: f64, ri_medium: f64, depth_factor: f64) -> Self {
+        Given { magnification, pixel_size_um, ri_medium, ri_lens: 1.5 * ri_medium, depth_factor }
+    }
+
     /// The allowed magnifications.
     pub const MAGNIFICATIONS: NumberRange =
         NumberRange { key: "magnification", least: 0.01, most: 1000.0, unit: "" };

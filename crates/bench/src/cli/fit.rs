@@ -80,7 +80,7 @@ pub(super) struct Fit {
     #[arg(long, value_name = "N")]
     fluid: Option<f64>,
     /// Depth of the plane in focus below the cover slip, um, from which the fit starts; for `--fluid`
-    #[arg(long, value_name = "UM", default_value_t = 100.0, requires = "fluid")]
+    #[arg(long, value_name = "UM", default_value_t = Layers::default().focus_depth_um, requires = "fluid")]
     fluid_depth: f64,
     /// Fit how the optics vary over the field of view: curvature and tilt of the focus, chief ray, vignetting,
     /// coma, astigmatism, blur; for `--model waves`, with --diameter
@@ -179,13 +179,7 @@ impl Fit {
             }
         }
         let options = FitOptions {
-            given: Given {
-                magnification: self.magnification,
-                pixel_size_um: self.pixel_size,
-                ri_medium: self.medium,
-                ri_lens: 1.5 * self.medium,
-                depth_factor: self.depth_factor,
-            },
+            given: Given::new(self.magnification, self.pixel_size, self.medium, self.depth_factor),
             diameter_um: self.diameter,
             direction: match self.z_direction {
                 Direction::Auto => None,

@@ -196,7 +196,7 @@ fn the_optics_of_few_particles_are_taken_as_constant() {
 #[test]
 #[ignore = "slow: .ci/full"]
 fn intervals_of_a_field_cover_its_terms() {
-    let seeds = 12_u64;
+    let seeds = 40_u64;
     // Two minutes each.
     let fits = (0..seeds).into_par_iter().map(|seed| {
         let (scan, places_px) = scan(Some(seed));
@@ -209,11 +209,6 @@ fn intervals_of_a_field_cover_its_terms() {
             *covered.entry(key).or_default() += u32::from((found.value - truth).abs() < 1.96 * found.sd);
         }
     }
-    // Whether the deviations follow from the scatter of particles is tested in `dependence`, with more fields.
-    let share = f64::from(covered.values().sum::<u32>()) / (seeds * TRUTH.len() as u64) as f64;
-    let missed = |count: &u32| f64::from(*count) < 0.75 * seeds as f64;
-    assert!(
-        share > 0.9 && !covered.values().any(missed),
-        "{share} covered by intervals of {seeds}: {covered:?}"
-    );
+    let missed = |count: &u32| f64::from(*count) < 0.85 * seeds as f64;
+    assert!(!covered.values().any(missed), "covered by intervals of {seeds}: {covered:?}");
 }
