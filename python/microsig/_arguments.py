@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import numbers
 import operator
@@ -47,16 +46,6 @@ def real(name: str, value: Any, low: float = -math.inf, high: float = math.inf, 
     if is_bounded and not low <= number <= high:
         raise ValueError(f"{name} = {value!r}: {allowed}")
     return number
-
-
-def parsed(value: str) -> Any:
-    """The value that a scenario's text is, such as ``1_000`` and ``inf``; the text itself for a word, a vector and the like."""
-    for read in (json.loads, lambda text: int(text, 0), float):
-        try:
-            return read(value)
-        except ValueError:
-            pass
-    return value
 
 
 def interval(name: str, value: Any) -> tuple[float, float]:

@@ -56,14 +56,17 @@ def values_by_path(given: Any) -> dict[str, Any]:
     """The argument ``set``: values by path."""
     if not isinstance(given, (Mapping, type(None))):
         raise TypeError(f"set = {given!r}: expected a dict of values by path, as {{'optics.gain': 1}}")
+    for path in given or {}:
+        if not isinstance(path, str) or not path.strip():
+            raise TypeError(f"set: {path!r}: expected the path of a key, such as 'optics.gain'")
     return dict(given or {})
 
 
 def text(
     scenario: Scenario, seed: int | None = None, values: Mapping[str, Any] | None = None
 ) -> _microsig.ScenarioText:
-    """The arguments of the compiled part: text, its name in messages, folder of its files, assignments, seed."""
-    assignments = [f"{path}={_value(value)}" for path, value in values_by_path(values).items()]
+    """The arguments of the compiled part: text, its name in messages, folder of its files, values by path, seed."""
+    replaced = [(path, _value(value)) for path, value in values_by_path(values).items()]
     if isinstance(scenario, Mapping):
         content, name, folder = _value(scenario), "scenario", Path(".")
     elif isinstance(scenario, str) and _is_text(scenario):
@@ -78,6 +81,6 @@ def text(
         "text": content,
         "name": name,
         "folder": folder,
-        "assignments": assignments,
+        "values": replaced,
         "seed": optional(whole, "seed", seed, 0, LAST_SEED),
     }

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _microsig, _scenario
-from ._arguments import LAST_SEED, flag, interval, one_of, optional, parsed, real, whole
+from ._arguments import LAST_SEED, flag, interval, one_of, optional, real, whole
 from ._dataset import Dataset, generate
 from ._progress import Progress, shown
 from ._table import Table, plain
@@ -355,7 +355,7 @@ def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tup
 
     :param path: the sweep's file, the name of a shipped one, or its text, whose base scenario is then relative to the working folder
     :param seed: seed, by default the sweep's
-    :returns: pairs of values by path (with ``case``, ``repetition`` and ``seed``) and dataset
+    :returns: pairs of values by path (with ``case``, ``repetition`` and ``seed``; variants such as ``constant(2)`` are dicts) and dataset
     :raises ValueError: a sweep that cannot be used, before the first case; a case that cannot be made
     """
     given = _scenario.text(path, seed)
@@ -365,9 +365,8 @@ def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tup
 
 def _cases(cases: _microsig.SweepCases) -> Iterator[tuple[dict[str, Any], Dataset]]:
     axes = cases.axes()
-    for index, (name, written, repetition, seed) in enumerate(cases.cases()):
-        values: dict[str, Any] = {path: parsed(value) for path, value in zip(axes, written)}
-        values |= {"case": name, "repetition": repetition, "seed": seed}
+    for index, (name, given, repetition, seed) in enumerate(cases.cases()):
+        values: dict[str, Any] = dict(zip(axes, given)) | {"case": name, "repetition": repetition, "seed": seed}
         yield values, Dataset.of_made(cases.generate(index))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _microsig, _scenario
-from ._arguments import LAST_SEED, one_of, parsed, real, whole
+from ._arguments import LAST_SEED, one_of, real, whole
 from ._scenario import Scenario
 
 #: A batch or a sample: arrays by name.
@@ -297,8 +297,8 @@ class Stream:
         return self._samples.seed_of(whole("sample", index))
 
     def values(self, index: int) -> dict[str, Any]:
-        """The varied values of a sample, by path."""
-        return {path: parsed(value) for path, value in self._samples.values(whole("sample", index))}
+        """The varied values of a sample, by path; as in :meth:`scenario`, also None, lists, and dicts of one key for variants."""
+        return dict(self._samples.values(whole("sample", index)))
 
     def window(self, index: int) -> tuple[int, int] | None:
         """First row and column of a sample in the images of its scenario, from 0, with ``crop_at="random"``; otherwise None."""
@@ -313,7 +313,7 @@ class Stream:
     def fingerprint(self) -> str:
         """A hash of everything that samples depend on."""
         text, distributions, seed, split, frames, wanted, rows, window = self._arguments
-        inputs = [text["text"], text["assignments"], distributions, seed, split, frames, wanted, window]
+        inputs = [text["text"], [f"{path}={value}" for path, value in text["values"]], distributions, seed, split, frames, wanted, window]
         return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:16]
 
     def state_dict(self) -> dict[str, Any]:

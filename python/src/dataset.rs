@@ -16,7 +16,7 @@ use numpy::{Element, PyArray1, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use scenario::{self, Scenario};
+use scenario::{self, Assignment, Scenario};
 
 use crate::columns::{arrays, table};
 use crate::object::Object;
@@ -25,8 +25,7 @@ use crate::run::{OnInterrupt, Show, raise, run};
 /// A table: its path in a dataset, what a row is, units and meanings by column, values by column.
 type PyTable<'py> = (String, String, Bound<'py, PyDict>, Bound<'py, PyDict>);
 
-/// A scenario's text with its name in messages and the folder of its files, assignments `path=value`, and a
-/// seed.
+/// A scenario's text with its name in messages and the folder of its files, values by path, and a seed.
 #[derive(Debug, Clone, FromPyObject)]
 pub(crate) struct ScenarioText {
     #[pyo3(item)]
@@ -36,18 +35,24 @@ pub(crate) struct ScenarioText {
     #[pyo3(item)]
     pub(crate) folder: PathBuf,
     #[pyo3(item)]
-    pub(crate) assignments: Vec<String>,
+    pub(crate) values: Vec<(String, String)>,
     #[pyo3(item)]
     pub(crate) seed: Option<u64>,
 }
 
 impl ScenarioText {
+    /// The values that replace those of the text.
+    pub(crate) fn assignments(&self) -> Vec<Assignment> {
+        let of = |(path, value): &(String, String)| Assignment { path: path.clone(), value: value.clone() };
+        self.values.iter().map(of).collect()
+    }
+
     /// The scenario, every rule checked.
     pub(crate) fn resolve(&self) -> storage::Result<Scenario> {
         scenario::load_text(
             &self.text,
             (&self.name, &self.folder),
-            &self.assignments,
+            &self.assignments(),
             self.seed,
             &Context::default(),
         )

@@ -106,9 +106,9 @@ impl Images<'_> {
 
 impl How {
     fn options(&self) -> storage::Result<FitOptions> {
-        let free = self.free.iter().map(|name| one_of::<ExtraParameter>("free", Some(name)));
-        let emission = one_of::<Emission>("emission", Some(&self.emission))?;
-        let lens = one_of::<Lens>("lens", Some(&self.lens))?;
+        let free = self.free.iter().map(|name| one_of::<ExtraParameter>("free", name));
+        let emission = one_of::<Emission>("emission", &self.emission)?;
+        let lens = one_of::<Lens>("lens", &self.lens)?;
         let layers = self.fluid.map(|n_s| {
             let layers = Layers::default();
             Layers { n_s, focus_depth_um: self.fluid_depth_um.unwrap_or(layers.focus_depth_um), ..layers }
@@ -125,12 +125,13 @@ impl How {
                 Some(Places::File(path)) => Some(read_places(&path.into())?),
                 Some(Places::Given(places)) => Some(places.clone()),
             },
-            waves: self
-                .wavelength_um
-                .zip(emission)
-                .zip(lens)
-                .map(|((wavelength_um, emission), lens)| WaveModel { wavelength_um, emission, lens, layers }),
-            free: free.filter_map(storage::Result::transpose).collect::<storage::Result<_>>()?,
+            waves: self.wavelength_um.map(|wavelength_um| WaveModel {
+                wavelength_um,
+                emission,
+                lens,
+                layers,
+            }),
+            free: free.collect::<storage::Result<_>>()?,
             bootstrap: self.bootstrap,
             seed: self.seed,
         })

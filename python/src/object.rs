@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 use pythonize::{PythonizeError, pythonize};
+use scenario::Literal;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -16,6 +17,19 @@ impl Object {
     /// A result that cannot be serialized; never observed.
     pub(crate) fn of(result: &impl Serialize) -> storage::Result<Self> {
         serde_json::to_value(result).map(Object).map_err(|e| storage::Error::input(e.to_string()))
+    }
+}
+
+/// A value of a scenario as Python has it.
+pub(crate) struct ScenarioValue(pub(crate) Literal);
+
+impl<'py> IntoPyObject<'py> for ScenarioValue {
+    type Target = PyAny;
+    type Output = Bound<'py, PyAny>;
+    type Error = PythonizeError;
+
+    fn into_pyobject(self, py: Python<'py>) -> Result<Self::Output, Self::Error> {
+        pythonize(py, &self.0)
     }
 }
 

@@ -11,7 +11,7 @@ use microsig_core::render::Context;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use scenario::{self, Sweep, resolve};
+use scenario::{self, Literal, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Score, Truth, UnitScores, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, Origin, Source};
@@ -19,7 +19,7 @@ use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
 use crate::dataset::{Made, Place};
-use crate::object::Object;
+use crate::object::{Object, ScenarioValue};
 use crate::run::{OnInterrupt, Show, raise, run};
 
 /// Options of scoring; numbers are within their ranges.
@@ -59,27 +59,29 @@ struct How {
     seed: u64,
 }
 
-/// One of the allowed values of an option.
-pub(crate) fn one_of<T: Variants>(name: &str, given: Option<&str>) -> storage::Result<Option<T>> {
-    let variant = |given| {
-        variant(given).map_err(|expected| storage::Error::input(format!("{name} = {given:?}: {expected}")))
-    };
-    given.map(variant).transpose()
+/// The value of an option that has a few.
+pub(crate) fn one_of<T: Variants>(name: &str, given: &str) -> storage::Result<T> {
+    variant(given).map_err(|expected| storage::Error::input(format!("{name} = {given:?}: {expected}")))
+}
+
+/// [`one_of`] for an option that may be missing.
+fn optional<T: Variants>(name: &str, given: Option<&String>) -> storage::Result<Option<T>> {
+    given.map(|given| one_of(name, given)).transpose()
 }
 
 impl How {
     fn options(&self) -> storage::Result<EvaluateOptions> {
         Ok(EvaluateOptions {
             conventions: Conventions {
-                format: one_of::<Format>("format", self.format.as_deref())?,
-                origin: one_of::<Origin>("origin", self.origin.as_deref())?,
+                format: optional::<Format>("format", self.format.as_ref())?,
+                origin: optional::<Origin>("origin", self.origin.as_ref())?,
                 y_up: self.y_up,
                 frame_base: self.frame_base,
                 um_per_px: self.um_per_px,
                 depth_um: self.depth_um,
                 ..Conventions::default()
             },
-            shape: one_of::<Shape>("gate", self.gate.as_deref())?,
+            shape: optional::<Shape>("gate", self.gate.as_ref())?,
             gate_xy_px: self.gate_xy_px,
             gate_z_um: self.gate_z_um,
             dims: self.dims,
@@ -239,8 +241,8 @@ struct SweepCases {
     inputs: PathBuf,
 }
 
-/// A case: name, values of the axes as written, repetition, seed.
-type CaseFacts = (String, Vec<String>, u32, u64);
+/// A case: name, values of the axes, repetition, seed.
+type CaseFacts = (String, Vec<ScenarioValue>, u32, u64);
 
 #[pymethods]
 impl SweepCases {
@@ -251,7 +253,9 @@ impl SweepCases {
 
     /// All cases.
     fn cases(&self) -> Vec<CaseFacts> {
-        let of = |case: &scenario::Case| (case.name.clone(), case.values.clone(), case.repetition, case.seed);
+        let values =
+            |case: &scenario::Case| case.values.iter().map(|v| ScenarioValue(Literal::of(v))).collect();
+        let of = |case: &scenario::Case| (case.name.clone(), values(case), case.repetition, case.seed);
         self.sweep.cases.iter().map(of).collect()
     }
 

@@ -7,15 +7,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use generator::runner::Stop;
-use generator::stream::{Batch, Distribution, Flow, LabelOptions, SampleStream, Split, StreamOptions};
+use generator::stream::{Batch, Distribution, Drawn, Flow, LabelOptions, SampleStream, Split, StreamOptions};
 use numpy::{Element, PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::ThreadPool;
+use scenario::Literal;
 
 use crate::dataset::ScenarioText;
-use crate::object::Object;
+use crate::object::{Object, ScenarioValue};
 use crate::run::{OnInterrupt, defect, pool, raise, run};
 
 /// Interval at which signals are checked.
@@ -83,10 +84,10 @@ impl Samples {
         let stream = run(py, false, OnInterrupt::Leave, move |_| {
             let flow = labels.flow_depth_um.map_or(Flow::Mean, Flow::At);
             SampleStream::new(StreamOptions {
+                assignments: text.assignments(),
                 text: text.text,
                 name: text.name,
                 folder: text.folder,
-                assignments: text.assignments,
                 vary: vary
                     .into_iter()
                     .map(|(path, parts)| Ok((path, distribution(parts)?)))
@@ -124,9 +125,10 @@ impl Samples {
         self.0.seed_of(index)
     }
 
-    /// The values of a sample that vary, as written in a scenario.
-    fn values(&self, index: u64) -> Vec<(String, String)> {
-        self.0.values(index).into_iter().map(|(path, drawn)| (path.to_owned(), drawn.text)).collect()
+    /// The values of a sample that vary.
+    fn values(&self, index: u64) -> Vec<(String, ScenarioValue)> {
+        let given = |(path, drawn): (&str, Drawn)| (path.to_owned(), ScenarioValue(Literal::of(&drawn.text)));
+        self.0.values(index).into_iter().map(given).collect()
     }
 
     /// First row and column of the window of a sample, from 0.

@@ -6,7 +6,6 @@ use std::path::PathBuf;
 
 use bench::cli::Cli;
 use bench::export::ExportOptions;
-use clap::ValueEnum;
 use generator::preview::{Preview, svg, text};
 use generator::runner::DatasetPlace;
 use microsig_core::formats::stack::{Stack, StackAxis, StackFormat};
@@ -17,6 +16,7 @@ use pyo3::prelude::*;
 use crate::dataset::{Place, ScenarioText};
 use crate::object::Object;
 use crate::run::{OnInterrupt, Show, run};
+use crate::scores::one_of;
 
 /// The result of a verb (None if it has none), the same as text, warnings, and the checks that failed.
 type Said = (Option<Object>, String, Vec<String>, Vec<String>);
@@ -40,16 +40,6 @@ fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String,
     })
 }
 
-/// The variant of this name.
-fn choice<T: ValueEnum>(name: &str, given: &str) -> storage::Result<T> {
-    T::from_str(given, false).map_err(|_| {
-        let names =
-            T::value_variants().iter().filter_map(|one| Some(one.to_possible_value()?.get_name().to_owned()));
-        let names = names.collect::<Vec<_>>().join(", ");
-        storage::Error::input(format!("{name} = {given:?}: expected one of {names}"))
-    })
-}
-
 /// Writes truth or images of a dataset in the format of another program.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
@@ -67,11 +57,11 @@ fn export(
     let dataset = DatasetPlace::from(dataset);
     run(py, false, OnInterrupt::Wait, move |_| {
         let options = ExportOptions {
-            format: choice("format", &format)?,
+            format: one_of("format", &format)?,
             out: out.into(),
             pair,
-            displacement: choice("displacement", &displacement)?,
-            images: choice("images", &images)?,
+            displacement: one_of("displacement", &displacement)?,
+            images: one_of("images", &images)?,
             stack,
             force,
         };

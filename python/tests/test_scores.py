@@ -193,6 +193,10 @@ def test_a_sweep_gives_the_datasets_of_the_command(tmp_path):
         assert dataset.settings["background_noise"] == values["optics.background_noise"]
         cases += 1
     assert cases == 4
+    for written, value in (("None", None), ("2_0", 20)):
+        plan.write_text(f'(name: "s", base: "base.ron", axes: [(path: "optics.background_noise", values: list([{written}]))])')
+        values, _ = next(ms.sweep(plan))
+        assert values["optics.background_noise"] == value
     with pytest.raises(ValueError, match="is a scenario"):
         ms.sweep(base)
 

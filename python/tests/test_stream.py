@@ -47,6 +47,7 @@ def trimmed(sample, particles):
 def test_a_choice_may_be_the_default_of_a_key():
     drawn = stream(vary={"optics.background_noise": ms.choice([None, 50]), "optics.gain": ms.choice([None, 2])})
     assert len({str(drawn.values(index)) for index in range(12)}) == 4, "all combinations"
+    assert {drawn.values(index)["optics.gain"] for index in range(12)} == {None, 2}
     for index in range(12):
         dataset = ms.generate(drawn.scenario(index))
         np.testing.assert_array_equal(drawn[index]["image"], dataset.images[:2])

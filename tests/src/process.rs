@@ -61,7 +61,7 @@ pub fn microsig() -> anyhow::Result<PathBuf> {
         .context("cargo names the executable")
 }
 
-/// Processor, its number of cores, system and compiler, for records.
+/// Processor, its number of cores, system, compiler and build of [`microsig`], for records.
 pub fn machine() -> String {
     let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
     let cpuinfo = read("/proc/cpuinfo");
@@ -74,10 +74,12 @@ pub fn machine() -> String {
     let rustc = Command::new("rustc").arg("--version").output();
     let rustc = rustc.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned()).unwrap_or_default();
     let load = read("/proc/loadavg");
+    let is_given = std::env::var_os("MICROSIG").is_some();
+    let build = if is_given { "the build given by $MICROSIG" } else { "default release build" };
     // Without the suffix after the version.
     let kernel = read("/proc/sys/kernel/osrelease");
     format!(
-        "{}{wide}, {cores} cores, {} {}, {rustc}, default release build; load when it began {}",
+        "{}{wide}, {cores} cores, {} {}, {rustc}, {build}; load when it began {}",
         field("model name").unwrap_or_else(|| std::env::consts::ARCH.to_owned()),
         std::env::consts::OS,
         kernel.split(['-', '\n']).next().unwrap_or_default(),

@@ -85,6 +85,16 @@ fn links_pipes_and_devices_are_refused() {
     }
 }
 
+/// Writes an archive of files, each of which repeats some bytes.
+fn zipped(archive: &Path, files: [(&str, (&[u8], usize)); 2]) {
+    let mut zip = zip::ZipWriter::new(fs::File::create(archive).unwrap());
+    for (file, (bytes, times)) in files {
+        zip.start_file(file, zip::write::SimpleFileOptions::default()).unwrap();
+        (0..times).for_each(|_| zip.write_all(bytes).unwrap());
+    }
+    zip.finish().unwrap();
+}
+
 #[test]
 fn archives_are_bounded_by_the_size_of_the_truth() {
     let c = &*CHALLENGE;
@@ -95,12 +105,7 @@ fn archives_are_bounded_by_the_size_of_the_truth() {
     let test = c.out.join("withheld/test");
     let refused = |name: &str, results: (&[u8], usize), about: (&[u8], usize), expected: &str| {
         let archive = place.path().join(name);
-        let mut zip = zip::ZipWriter::new(fs::File::create(&archive).unwrap());
-        for (file, (bytes, times)) in [("results.csv", results), ("submission.json", about)] {
-            zip.start_file(file, zip::write::SimpleFileOptions::default()).unwrap();
-            (0..times).for_each(|_| zip.write_all(bytes).unwrap());
-        }
-        zip.finish().unwrap();
+        zipped(&archive, [("results.csv", results), ("submission.json", about)]);
         let message = fail(2, &["evaluate", path(&test), path(&archive), "--quiet"]);
         assert!(message.contains(expected), "{expected}: {message}");
     };
@@ -112,6 +117,12 @@ fn archives_are_bounded_by_the_size_of_the_truth() {
     let header = "frame,track,x_px,y_px,z_um\n";
     let many = format!("{header}{}", rows.repeat(150));
     refused("rows.zip", (many.as_bytes(), 1), (&about, 1), "results.csv: more than 100000 rows");
+
+    // Messages about a file in an archive name the archive, also when a valid submission is scored.
+    let archive = place.path().join("good.zip");
+    zipped(&archive, [("results.csv", (&results, 1)), ("submission.json", (&about, 1))]);
+    let message = fail(2, &["evaluate", path(&test), path(&archive), "--format", "trackpy", "--quiet"]);
+    assert!(message.contains("good.zip/results.csv: column "), "{message}");
 }
 
 /// In the image plane the gate is wider: a result without depth would win.

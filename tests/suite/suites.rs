@@ -278,6 +278,7 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     }
     std::fs::copy(test("noise_2").join("truth/tracks.csv"), result("perfect", "noise_2")).unwrap();
     std::fs::write(result("broken", "noise_2"), "frame,x_px,y_px\n0,1,a\n").unwrap();
+    std::fs::create_dir(result("broken", "noise_0.5")).unwrap();
     std::fs::write(result("field", "noise_2"), "pair,x_px,y_px,dx_px,dy_px,flag\n0,40,40,1,0,0\n").unwrap();
     let out = place.path().join("out");
     let (suite, datasets) = (path(&c.suite), path(&c.datasets));
@@ -311,6 +312,8 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
             && broken["reason"].as_str().unwrap().starts_with("broken/P2/noise_2/results.csv:2: "),
         "{broken}"
     );
+    let broken = of("noise_0.5", "broken");
+    assert_eq!(broken["reason"], "broken/P2/noise_0.5/results.csv: a folder; expected a regular file");
     assert_eq!(of("noise_2", "field")["status"], "refused");
     // Four trackers have entered; perfect is the first in one case and has no result in the other.
     let standing = |tracker: &str| {

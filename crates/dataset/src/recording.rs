@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::TrackRow;
-use crate::manifest::{Manifest, RECORDING, SensorFacts};
+use crate::manifest::{Manifest, RECORDING, ResultKind, SensorFacts};
 use crate::table::Row;
 use storage::error::{Error, Result};
 use storage::folder::is_partial;
@@ -120,8 +120,8 @@ impl RecordingFacts {
             is_recording: own.kind.as_deref() == Some(RECORDING),
             has_all_particles: own.known.as_ref().is_some_and(|known| known.all_particles),
             is_from_key: own.seed == Some(None),
-            is_for_fields_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "particles")),
-            is_for_particles_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "fields")),
+            is_for_fields_only: own.scored.as_ref().is_some_and(|s| !s.contains(&ResultKind::Particles)),
+            is_for_particles_only: own.scored.as_ref().is_some_and(|s| !s.contains(&ResultKind::Fields)),
         }
     }
 

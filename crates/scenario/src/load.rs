@@ -1,6 +1,8 @@
 //! Reads scenario files.
 
+use std::fmt;
 use std::path::Path;
+use std::str::FromStr;
 use std::sync::Arc;
 
 use flows::fields::UniformParams;
@@ -66,14 +68,14 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
 }
 
 /// Reads and resolves the scenario in a file, or the shipped one of this name, after replacing values by
-/// assignments `path=value` and its seed by `seed`. Its renderers keep their tables where `context` says.
+/// `assignments` and its seed by `seed`. Its renderers keep their tables where `context` says.
 ///
 /// # Errors
 /// [`Error::Problems`] with all problems of text, assignments and values. Constraints between values are
 /// checked as far as the values can be read.
 pub fn load(
     file: impl Into<InputFile>,
-    assignments: &[String],
+    assignments: &[Assignment],
     seed: Option<u64>,
     context: &Context,
 ) -> Result<Scenario> {
@@ -89,14 +91,13 @@ pub fn load(
 pub fn load_text(
     text: &str,
     (name, folder): (&str, &Path),
-    assignments: &[String],
+    assignments: &[Assignment],
     seed: Option<u64>,
     context: &Context,
 ) -> Result<Scenario> {
     let source = Arc::new(Source::file(name, text));
     let (mut tree, mut problems) = (tree(&source)?, Problems::default());
-    for text in assignments {
-        let (path, value) = assignment(text)?;
+    for Assignment { path, value } in assignments {
         match assigned(scenario(), path, value).and_then(|value| graft(tree.clone(), scenario(), path, value))
         {
             Ok(changed) => tree = changed,
@@ -182,12 +183,45 @@ pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     }
 }
 
-/// Splits `path=value`.
-pub fn assignment(text: &str) -> Result<(&str, &str)> {
-    text.split_once('=')
-        .map(|(path, value)| (path.trim(), value.trim()))
-        .filter(|(path, value)| !path.is_empty() && !value.is_empty())
-        .ok_or_else(|| Error::input(format!("`{text}`: expected path=value")))
+/// A key of a scenario and its new value, written as in a scenario.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Assignment {
+    /// Path of the key, such as `optics.gain`.
+    pub path: String,
+    /// The value.
+    pub value: String,
+}
+
+impl Assignment {
+    /// Parses texts `path=value`.
+    ///
+    /// # Errors
+    /// As for [`Assignment::from_str`].
+    pub fn all(texts: &[String]) -> Result<Vec<Self>> {
+        texts.iter().map(|text| text.parse()).collect()
+    }
+}
+
+impl FromStr for Assignment {
+    type Err = Error;
+
+    /// Reads `path=value`.
+    ///
+    /// # Errors
+    /// A text without path, equals sign or value.
+    fn from_str(text: &str) -> Result<Self> {
+        text.split_once('=')
+            .map(|(path, value)| (path.trim(), value.trim()))
+            .filter(|(path, value)| !path.is_empty() && !value.is_empty())
+            .map(|(path, value)| Assignment { path: path.to_owned(), value: value.to_owned() })
+            .ok_or_else(|| Error::input(format!("`{text}`: expected path=value")))
+    }
+}
+
+impl fmt::Display for Assignment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.path, self.value)
+    }
 }
 
 #[cfg(test)]
@@ -211,7 +245,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("s.ron");
         std::fs::write(&file, text).unwrap();
-        let set: Vec<String> = set.iter().map(|&set| set.to_owned()).collect();
+        let set: Vec<Assignment> = set.iter().map(|set| set.parse().unwrap()).collect();
         let found = load(&file, &set, None, &Context::default()).unwrap_err().to_string();
         found.replace(&file.display().to_string(), "s.ron").lines().map(str::to_owned).collect()
     }
@@ -529,7 +563,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
                 .contains("boundaries.bodies.3=drain(): the list has 0 values")
         );
         assert!(refuse("calibration.none", "3").contains("`none` takes no value"));
-        assert!(assignment("seed").is_err());
-        assert_eq!(assignment(" seed = 3 ").unwrap(), ("seed", "3"));
+        assert!("seed".parse::<Assignment>().is_err());
+        assert_eq!(" seed = 3 ".parse::<Assignment>().unwrap().to_string(), "seed=3");
     }
 }

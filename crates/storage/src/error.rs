@@ -131,12 +131,14 @@ impl Error {
         }
     }
 
-    /// One message per problem, at most [`MOST_SHOWN`], and the number of further ones; problems in a
-    /// scenario file show the line with a caret.
+    /// One message per problem; of input, options and scenarios at most [`MOST_SHOWN`] and the number of the others;
+    /// problems in a scenario file show the line with a caret.
     pub fn messages(&self) -> Vec<String> {
         match self {
             Error::Problems(problems) => first_of(problems, Problem::rendered),
-            other => other.to_string().lines().map(str::to_owned).collect(),
+            Error::Input(problems) => first_of(problems, Clone::clone),
+            Error::Options(all) => first_of(all, ToString::to_string),
+            other => other.problems(),
         }
     }
 

@@ -15,10 +15,15 @@ use crate::memory::{free_memory, size_text};
 /// # Errors
 /// A file that cannot be opened; a folder, pipe, device or socket.
 pub fn open(path: &Path) -> Result<File> {
-    regular(path, &std::fs::metadata(path).map_err(|e| Error::read(path, e))?)?;
-    let file = without_waiting().open(path).map_err(|e| Error::read(path, e))?;
+    open_shown(path, path)
+}
+
+/// [`open`] for a file that errors name `shown`.
+pub(crate) fn open_shown(path: &Path, shown: &Path) -> Result<File> {
+    regular(shown, &std::fs::metadata(path).map_err(|e| Error::read(shown, e))?)?;
+    let file = without_waiting().open(path).map_err(|e| Error::read(shown, e))?;
     // The file may have been replaced since the check.
-    regular(path, &file.metadata().map_err(|e| Error::read(path, e))?)?;
+    regular(shown, &file.metadata().map_err(|e| Error::read(shown, e))?)?;
     Ok(file)
 }
 

@@ -18,11 +18,23 @@ const DASH: &str = "-";
 /// Largest standard input, bytes: a bound for endless ones.
 const LARGEST: u64 = 1 << 36;
 
-/// A file that is read, or standard input. As a path, for messages, standard input is `-`.
+/// A file that is read, or standard input. As a path it is the name in messages: `-` for standard input, or as
+/// given to [`InputFile::shown_as`], such as a file's name in its archive.
 #[derive(Debug, Clone)]
 pub struct InputFile {
     path: PathBuf,
-    standard: Option<StandardInput>,
+    contents: Contents,
+}
+
+/// Where the contents of an [`InputFile`] are.
+#[derive(Debug, Clone)]
+enum Contents {
+    /// At its path.
+    Here,
+    /// In another file.
+    At(PathBuf),
+    /// In standard input.
+    Standard(StandardInput),
 }
 
 /// Standard input, kept in a file once it has been asked for, because readers need its size, and some read it
@@ -33,12 +45,19 @@ impl InputFile {
     /// An argument of a command: `-` is standard input.
     pub fn argument(path: impl Into<PathBuf>) -> Self {
         let path = path.into();
-        InputFile { standard: (path.as_os_str() == DASH).then(Arc::default), path }
+        let contents =
+            if path.as_os_str() == DASH { Contents::Standard(Arc::default()) } else { Contents::Here };
+        InputFile { path, contents }
+    }
+
+    /// A file that messages name by another path.
+    pub fn shown_as(file: impl Into<PathBuf>, shown: impl Into<PathBuf>) -> Self {
+        InputFile { path: shown.into(), contents: Contents::At(file.into()) }
     }
 
     /// Whether this is standard input.
     pub fn is_standard(&self) -> bool {
-        self.standard.is_some()
+        matches!(self.contents, Contents::Standard(_))
     }
 
     /// Path of a file with these contents, for readers of paths: of standard input, where it is kept.
@@ -46,7 +65,11 @@ impl InputFile {
     /// # Errors
     /// As [`InputFile::open`].
     pub fn file(&self) -> Result<PathBuf> {
-        let Some(standard) = &self.standard else { return Ok(self.path.clone()) };
+        let standard = match &self.contents {
+            Contents::Here => return Ok(self.path.clone()),
+            Contents::At(file) => return Ok(file.clone()),
+            Contents::Standard(standard) => standard,
+        };
         let mut standard = standard.lock().unwrap_or_else(PoisonError::into_inner);
         match standard.as_ref() {
             Some(folder) => Ok(stored_in(folder)),
@@ -65,13 +88,13 @@ impl InputFile {
     /// # Errors
     /// As [`input::open`]; standard input that is too large or cannot be stored.
     pub fn open(&self) -> Result<File> {
-        input::open(&self.file()?)
+        input::open_shown(&self.file()?, &self.path)
     }
 }
 
 impl<P: Into<PathBuf>> From<P> for InputFile {
     fn from(path: P) -> Self {
-        InputFile { path: path.into(), standard: None }
+        InputFile { path: path.into(), contents: Contents::Here }
     }
 }
 

@@ -10,7 +10,7 @@ use image::GrayImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::{Counts, Image};
-use scenario::{self, Picture, Scene, assignment};
+use scenario::{self, Assignment, Picture, Scene};
 
 use suite::picture::{magnified, quantile, side_by_side, stretch};
 
@@ -102,8 +102,8 @@ fn image(scene: Scene, sets: &str) -> anyhow::Result<Image> {
     );
     let mut spec = scenario::parse(&text, "effect")?;
     for set in sets.split(';') {
-        let (path, value) = assignment(set)?;
-        spec = scenario::set(&spec, path, value)?;
+        let Assignment { path, value } = set.parse()?;
+        spec = scenario::set(&spec, &path, &value)?;
     }
     let scenario = scenario::resolve(spec, place.path(), &microsig_core::render::Context::default())?;
     let out = place.path().join("dataset");

@@ -168,11 +168,7 @@ fn description(arguments: &Arguments, microsig: &Path) -> anyhow::Result<Vec<Str
     if !arguments.trackers.is_empty() {
         command += &format!(" --trackers {}", arguments.trackers.join(","));
     }
-    // The program may be a different build than the one that `machine` names.
-    let machine = match std::env::var_os("MICROSIG") {
-        Some(_) => process::machine().replace("default release build", "the build given by $MICROSIG"),
-        None => process::machine(),
-    };
+    let machine = process::machine();
     let program = String::from_utf8_lossy(&said);
     Ok(vec![
         format!(

@@ -10,7 +10,7 @@ use super::deadline::Deadline;
 use super::rounds::{self, Round};
 use super::splits::Train;
 use super::{COMMITMENT, SALT};
-use dataset::manifest::{self, GENERATOR_VERSION, ZERO_OF_DATASETS, coordinates};
+use dataset::manifest::{self, GENERATOR_VERSION, ResultKind, ZERO_OF_DATASETS, coordinates};
 use dataset::{CalibrationRow, Row, TrackRow};
 use scenario::license::License;
 use storage::checksums::Fingerprint;
@@ -44,7 +44,7 @@ pub(super) struct ReleaseTexts<'a> {
     /// Whether the dataset has a calibration stack.
     calibrated: bool,
     /// What is scored: particles, fields.
-    pub(super) scored: Vec<&'static str>,
+    pub(super) scored: Vec<ResultKind>,
     /// Whether the train split reveals the velocity field of the test split.
     is_flow_known: bool,
 }
@@ -70,7 +70,7 @@ impl Publication {
         train: &'a Train,
         rounds: &'a [Round],
         deadline: Option<Deadline>,
-        scored: &[&'static str],
+        scored: &[ResultKind],
         is_flow_known: bool,
     ) -> ReleaseTexts<'a> {
         let (name, manifest) = (train.scenario.spec.name.as_str(), &train.manifest);
@@ -105,7 +105,7 @@ impl Publication {
 impl ReleaseTexts<'_> {
     /// Whether only displacement fields are scored.
     pub(super) fn is_for_fields(&self) -> bool {
-        self.scored == ["fields"]
+        self.scored == [ResultKind::Fields]
     }
 
     /// What is scored and what train reveals about it, for both README files.
@@ -216,7 +216,7 @@ impl ReleaseTexts<'_> {
             timetable = rounds::timetable(self.deadline, self.rounds),
             scored = self.what_is_scored(),
             of_particles = if self.is_for_fields() { String::new() } else { of_particles(self.in_focus) },
-            of_fields = if self.scored == ["particles"] { "" } else { OF_FIELDS },
+            of_fields = if self.scored == [ResultKind::Particles] { "" } else { OF_FIELDS },
             license = self.license.id,
         )
     }

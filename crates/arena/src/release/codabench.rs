@@ -18,6 +18,7 @@ use serde_json::Value;
 use super::about::ReleaseTexts;
 use super::submission;
 use crate::package::Package;
+use dataset::manifest::ResultKind;
 use scoring::ranking::{Better, SCORES, ScoreDef, Subject};
 use storage::advice;
 use storage::advice::option;
@@ -120,13 +121,13 @@ fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
             .map_or_else(String::new, |day| format!("    end: {}\n", day.end().format("%Y-%m-%d %H:%M:%S"))),
         about = quoted(&format!("{}, by microsig", about.title)),
         what = match about.scored[..] {
-            ["particles"] => "Particles",
-            ["fields"] => "Displacement fields",
+            [ResultKind::Particles] => "Particles",
+            [ResultKind::Fields] => "Displacement fields",
             _ => "Particles or displacement fields",
         },
     );
     let is_shown = |def: &&ScoreDef| match def.subject {
-        Subject::Field => about.scored.contains(&"fields"),
+        Subject::Field => about.scored.contains(&ResultKind::Fields),
         Subject::Particles => !about.is_for_fields(),
         Subject::Planes => false,
     };

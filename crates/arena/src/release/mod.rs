@@ -45,11 +45,11 @@ use microsig_core::render::Context;
 use serde::Serialize;
 
 use crate::package::Package;
-use dataset::manifest::MANIFEST;
+use dataset::manifest::{MANIFEST, ResultKind};
 use generator::dataset::secret;
 use generator::runner::{GenerateOptions, Progress, generate};
-use scenario::Scenario;
 use scenario::license::LICENSE;
+use scenario::{Assignment, Scenario};
 use splits::Train;
 use storage::OutputFolder;
 use storage::advice;
@@ -74,7 +74,7 @@ pub struct ReleaseOptions {
     /// Number of pairs or frames of the test split; `None`: as many as the dataset has.
     pub test: Option<u32>,
     /// Scenario values to change in the test split: `path=value`.
-    pub test_set: Vec<String>,
+    pub test_set: Vec<Assignment>,
     /// Whether to publish the exact times of the test split's frames, including jitter, instead of the
     /// nominal ones.
     pub exact_times: bool,
@@ -114,7 +114,7 @@ pub struct Released {
     pub deadline: Option<String>,
     /// What participants are scored on: particles, and fields unless the train split reveals the velocity
     /// field of the test split.
-    pub scored: Vec<&'static str>,
+    pub scored: Vec<ResultKind>,
     /// Warnings to read before publication.
     pub warnings: Vec<String>,
     /// Duration, s.
@@ -166,9 +166,9 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     make(&test, &folder, options.progress.clone())?;
     let is_flow_known = compare(dataset, &folder)?;
     let scored = match (options.fields, is_flow_known) {
-        (true, _) => vec!["fields"],
-        (false, true) => vec!["particles"],
-        (false, false) => vec!["particles", "fields"],
+        (true, _) => vec![ResultKind::Fields],
+        (false, true) => vec![ResultKind::Particles],
+        (false, false) => vec![ResultKind::Particles, ResultKind::Fields],
     };
     if let Some((marker, text)) = submission::marker(&scored) {
         withheld.save_bytes(marker, text)?;

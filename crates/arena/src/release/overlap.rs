@@ -111,7 +111,7 @@ pub(super) fn field(train: &Path, test: &Path) -> Result<bool> {
         return Ok(false);
     }
     let (train, test) = (true_field::of_dataset(train, None)?, true_field::of_dataset(test, None)?);
-    let (Some((_, known)), Some((_, asked))) = (train.named.first(), test.named.first()) else {
+    let (Some((_, known)), Some((_, asked))) = (train.fields.first(), test.fields.first()) else {
         return Ok(false);
     };
     let (columns, rows) = asked.nodes();

@@ -15,7 +15,7 @@ use generator::dataset::secret;
 use generator::runner::Progress;
 use generator::runner::verify;
 use scenario::spec::{Calibration, Motion, Number};
-use scenario::{self, Scenario, Split, assignment, reseeded, resolve, set, sized};
+use scenario::{self, Assignment, Scenario, Split, reseeded, resolve, set, sized};
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
@@ -62,7 +62,7 @@ impl Train {
     pub(super) fn test(&self, dataset: &Path, options: &ReleaseOptions) -> Result<Scenario> {
         let mut spec = sized(&self.scenario.spec, options.test)?;
         for assigned in &options.test_set {
-            let (path, value) = assignment(assigned)?;
+            let Assignment { path, value } = assigned;
             if !HIDDEN.iter().any(|part| path.starts_with(part)) {
                 let what =
                     ": expected a key of motion or particles; all other keys are known to participants";

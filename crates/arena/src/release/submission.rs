@@ -10,13 +10,13 @@ use serde_json::json;
 
 use super::deadline::Deadline;
 use dataset::RecordingFacts;
-use dataset::manifest::Manifest;
+use dataset::manifest::{Manifest, ResultKind};
 use scoring::evaluate::measurement;
 use scoring::results::{self, Conventions, Format, Limits, TrackerResult};
-use storage::TemporaryFolder;
 use storage::checksums::{SHA256SUMS, images_digest};
 use storage::error::{Error, Result};
 use storage::input;
+use storage::{InputFile, TemporaryFolder};
 
 /// Name of the file with the points or vectors.
 pub(super) const RESULTS: &str = "results.csv";
@@ -168,12 +168,16 @@ impl SubmissionFiles {
     }
 
     /// The file with the points or vectors.
-    pub fn results(&self) -> PathBuf {
-        self.folder.join(RESULTS)
+    pub fn results(&self) -> InputFile {
+        self.file(RESULTS)
     }
 
-    fn about(&self) -> PathBuf {
-        self.folder.join(SUBMISSION)
+    fn about(&self) -> InputFile {
+        self.file(SUBMISSION)
+    }
+
+    fn file(&self, name: &str) -> InputFile {
+        InputFile::shown_as(self.folder.join(name), self.given.join(name))
     }
 }
 
@@ -233,17 +237,14 @@ pub fn validate(test: &Path, files: &SubmissionFiles) -> Result<Validated> {
             warnings.extend(late.map(|day| format!("the deadline of the challenge, {day}, has passed")));
             Ok(Validated { submission, kind, rows, deadline, warnings })
         }
-        _ => {
-            let (unpacked, given) = (files.folder.display().to_string(), files.given.display().to_string());
-            Err(Error::Input(problems.iter().map(|p| p.replace(&unpacked, &given)).collect()))
-        }
+        _ => Err(Error::Input(problems)),
     }
 }
 
-fn about(test: &Path, path: &Path, problems: &mut Vec<String>) -> Result<Option<Submission>> {
+fn about(test: &Path, path: &InputFile, problems: &mut Vec<String>) -> Result<Option<Submission>> {
     let sums = test.join(SHA256SUMS);
     let sums = input::read_text(&sums)?;
-    let text = input::open_unlinked(path).and_then(|file| input::text_of(path, file, LARGEST_ABOUT));
+    let text = path.open().and_then(|file| input::text_of(path, file, LARGEST_ABOUT));
     let parsed = match text {
         Ok(text) => Submission::parse(&text).map_err(|e| format!("{}: {e}", path.display())),
         Err(e) => Err(e.to_string()),
@@ -289,13 +290,13 @@ const PARTICLES_ONLY: &str = "particles_only.txt";
 const FIELDS_ONLY: &str = "fields_only.txt";
 
 /// Name and text of the marker file if only particles or only fields are scored.
-pub(super) fn marker(scored: &[&str]) -> Option<(&'static str, &'static str)> {
+pub(super) fn marker(scored: &[ResultKind]) -> Option<(&'static str, &'static str)> {
     match scored {
-        ["particles"] => Some((
+        [ResultKind::Particles] => Some((
             PARTICLES_ONLY,
             "The train split reveals the velocity field of the test split: submissions of fields are refused.\n",
         )),
-        ["fields"] => {
+        [ResultKind::Fields] => {
             Some((FIELDS_ONLY, "Displacement fields are scored: submissions of particles are refused.\n"))
         }
         _ => None,
@@ -309,7 +310,7 @@ fn is_marked(test: &Path, marker: &str) -> bool {
 /// Reads the result as for scoring and performs all checks that do not need the truth.
 fn particles_or_vectors(
     test: &Path,
-    path: &Path,
+    path: &InputFile,
     problems: &mut Vec<String>,
 ) -> Result<Option<(&'static str, usize, Vec<String>)>> {
     let facts = RecordingFacts::read(test)?;

@@ -107,7 +107,7 @@ fn public_facts(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) 
         scoring_gates: whole.scoring_gates,
         split: Some("test".to_owned()),
         truth: Some("withheld".to_owned()),
-        scored: Some(about.scored.iter().map(|&what| what.to_owned()).collect()),
+        scored: Some(about.scored.clone()),
         images_sha256: Some(images.to_owned()),
         commitment_sha256: Some(about.commitment.to_owned()),
         deadline: about.deadline.map(|deadline| deadline.to_string()),

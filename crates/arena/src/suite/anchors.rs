@@ -270,7 +270,7 @@ fn claims_times(given: &Given<'_>, factor: f64) -> Option<Points> {
 /// The anchors of fields: name, what each is compared with, rows.
 fn of_fields(test: &Path, train: &Path, best: Option<&Field>) -> Result<Vec<(&'static str, Against, Field)>> {
     let truths = true_field::of_dataset(test, None)?;
-    let Some((_, truth)) = truths.named.first() else { return Ok(Vec::new()) };
+    let Some((_, truth)) = truths.fields.first() else { return Ok(Vec::new()) };
     let (width, height) = truths.facts.sensor_px.unwrap_or((256.0, 256.0));
     let pairs: Vec<u32> =
         (0..truths.facts.frames.unwrap_or(0)).filter(|pair| truths.facts.has_pair(*pair)).collect();
@@ -298,7 +298,7 @@ fn of_fields(test: &Path, train: &Path, best: Option<&Field>) -> Result<Vec<(&'s
         Field { vectors, ..Field::default() }
     };
     let constant = mean_of(truth);
-    let of_train = match true_field::of_dataset(train, None)?.named.first() {
+    let of_train = match true_field::of_dataset(train, None)?.fields.first() {
         Some((_, truth)) => mean_of(truth),
         None => constant,
     };

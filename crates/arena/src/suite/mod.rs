@@ -27,9 +27,9 @@ use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, evaluate_files};
 use scoring::ranking::{Contestant, ScoreDef, rank, ranks_fields};
 use site::Site;
-use storage::OutputFolder;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::{InputFile, OutputFolder};
 
 /// Name of the table of all scores.
 pub const SUITE_SCORES_CSV: &str = "suite_scores.csv";
@@ -335,9 +335,12 @@ fn scored_case(
     let evaluated: Vec<Scored> = entered
         .par_iter()
         .map(|tracker| {
-            let result = options.results.join(tracker).join(case.folder()).join(RESULT);
+            // Reasons are published: paths begin at the folder of the results.
+            let shown = Path::new(tracker).join(case.folder()).join(RESULT);
+            let result = options.results.join(&shown);
             let found = result.exists().then(|| {
-                evaluate_files(&dataset, &result, &rules).map_err(|e| without(&options.results, &e))
+                let result = InputFile::shown_as(result, shown);
+                evaluate_files(&dataset, result, &rules).map_err(|e| e.to_string())
             });
             ((*tracker).clone(), found.transpose())
         })
@@ -385,14 +388,6 @@ fn scored_case(
         results,
         anchors,
     })
-}
-
-/// A message about a result whose paths begin at the folder of the results: it is published.
-fn without(results: &Path, error: &Error) -> String {
-    // With a separator at the end, and only where a path begins.
-    let folder = results.join("");
-    let text = format!("\n{error}").replace(&format!("\n{}", folder.display()), "\n");
-    text.trim_start_matches('\n').replace(&format!(" {}", folder.display()), " ")
 }
 
 /// The result of a tracker without its rank.

@@ -145,7 +145,7 @@ impl Evaluate {
         let (result, _unpacked) = if SubmissionFiles::are_at(&self.result) {
             let files = self.submission()?;
             warn(&release::validate(&self.dataset, &files)?.warnings, common);
-            (files.results().into(), Some(files))
+            (files.results(), Some(files))
         } else {
             (self.result.clone(), None)
         };

@@ -6,9 +6,11 @@ use clap::Args;
 
 use super::Common;
 use super::argument::output;
+use super::choice::choice;
 use super::options::Replace;
 use super::output::written;
-use crate::export::{Displacement, ExportFormat, ExportOptions, StackImages, export};
+use crate::export::{ExportFormat, ExportOptions, StackImages, export};
+use scoring::evaluate::field::true_field::Displacement;
 use storage::OutputFile;
 use storage::error::Result;
 
@@ -19,7 +21,7 @@ pub(super) struct Export {
     /// The dataset's folder
     dataset: PathBuf,
     /// Output format
-    #[arg(long, value_enum, value_name = "F")]
+    #[arg(long, value_parser = choice::<ExportFormat>(), value_name = "F")]
     format: ExportFormat,
     /// Output file, `-` for standard output
     #[arg(long, short, value_name = "PATH", value_parser = output())]
@@ -28,10 +30,10 @@ pub(super) struct Export {
     #[arg(long, value_name = "N")]
     pair: Option<u32>,
     /// Definition of the displacement field
-    #[arg(long, value_enum, value_name = "DEFINITION", default_value_t = Displacement::Central)]
+    #[arg(long, value_parser = choice::<Displacement>(), value_name = "DEFINITION", default_value = "central")]
     displacement: Displacement,
     /// Images of ome-tiff and imagej-stack
-    #[arg(long, value_enum, value_name = "IMAGES", default_value_t = StackImages::Frames)]
+    #[arg(long, value_parser = choice::<StackImages>(), value_name = "IMAGES", default_value = "frames")]
     images: StackImages,
     /// Folder below calibration/images, such as d_2um, if there are several calibration stacks
     #[arg(long, value_name = "NAME")]

@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use super::{Common, argument};
-use scenario::Scenario;
+use scenario::{Assignment, Scenario};
 use storage::InputFile;
 use storage::error::Result;
 
@@ -26,7 +26,7 @@ impl ScenarioOptions {
     /// # Errors
     /// As for [`scenario::load`].
     pub(super) fn load(&self, common: &Common) -> Result<Scenario> {
-        scenario::load(&self.file, &self.set, self.random.seed, &common.context)
+        scenario::load(&self.file, &Assignment::all(&self.set)?, self.random.seed, &common.context)
     }
 }
 

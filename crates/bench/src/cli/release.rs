@@ -9,6 +9,7 @@ use super::argument::folder;
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use arena::release::{Deadline, Publication, ReleaseOptions, release};
+use scenario::Assignment;
 use storage::error::Result;
 
 /// Make a challenge: a public package and the withheld truth
@@ -93,7 +94,7 @@ impl Release {
                 new_keys: self.new_keys,
                 val: self.val,
                 test: self.test,
-                test_set: self.test_set.clone(),
+                test_set: Assignment::all(&self.test_set)?,
                 exact_times: self.exact_times,
                 fields: self.fields,
                 codabench: self.codabench,

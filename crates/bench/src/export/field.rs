@@ -18,10 +18,10 @@ const UNKNOWN: f32 = 1e10;
 pub(super) fn write(dataset: &DatasetPlace, options: &ExportOptions) -> Result<(Vec<u8>, usize)> {
     let path = dataset.shown("truth/field.csv");
     let wanted = options.displacement.name();
-    let TrueFields { named, plane_um, facts, .. } = of_place(dataset)?;
-    let (_, grid) = named
+    let TrueFields { fields, plane_um, facts, .. } = of_place(dataset)?;
+    let (_, grid) = fields
         .into_iter()
-        .find(|(kind, _)| kind == wanted)
+        .find(|(kind, _)| *kind == Some(options.displacement))
         .ok_or_else(|| Error::input(format!("{}: no column {wanted}_dx_px", path)))?;
     if grid.needs_pairs() && options.pair.is_none() {
         let what = format!("{}: the field changes with time; give ", path);

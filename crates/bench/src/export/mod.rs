@@ -13,15 +13,17 @@ mod stack;
 
 use std::path::PathBuf;
 
-use clap::ValueEnum;
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use generator::runner::DatasetPlace;
+use scoring::evaluate::field::true_field::Displacement;
 use storage::OutputFile;
 use storage::error::{Error, Result};
 
 /// Export formats.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum ExportFormat {
     /// XML of the ISBI challenge: px, first pixel's center at 0; z in um.
     Isbi,
@@ -65,34 +67,13 @@ impl ExportFormat {
 }
 
 /// Images of a stack.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum StackImages {
     /// The frames, over time.
     Frames,
     /// A calibration stack, over depth.
     Calibration,
-}
-
-/// Kinds of true displacement fields.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Displacement {
-    /// Displacement of the fluid element that is at the node half-way between the two frames.
-    Central,
-    /// Displacement of the fluid element that is at the node in the first frame.
-    Forward,
-    /// The central displacement averaged over depth.
-    Weighted,
-}
-
-impl Displacement {
-    /// Prefix of its columns in `truth/field.csv`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Displacement::Central => "central",
-            Displacement::Forward => "forward",
-            Displacement::Weighted => "weighted",
-        }
-    }
 }
 
 /// Options of an export.

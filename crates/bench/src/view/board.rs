@@ -39,8 +39,6 @@ pub(super) fn about(app: &App) -> Value {
 /// A result that cannot be scored.
 pub(super) fn entry(app: &App, dataset: usize, tracker: usize) -> Result<Option<Value>> {
     let Some(open) = app.result(dataset, tracker)? else { return Ok(None) };
-    let of = |path: &str| path.split('.').try_fold(open.score(), |value, step| value.get(step)).cloned();
-    let scores = columns().map(|def| (def.path.to_owned(), of(def.path).unwrap_or(Value::Null)));
-    let interval = of("detection.interval.f1").unwrap_or(Value::Null);
-    Ok(Some(json!({ "scores": Value::Object(scores.collect()), "f1_interval": interval })))
+    let scores = columns().map(|def| (def.path.to_owned(), def.measured(open.score()).0.into()));
+    Ok(Some(json!({ "scores": Value::Object(scores.collect()) })))
 }

@@ -93,6 +93,16 @@ impl OpenDataset {
         })
     }
 
+    /// Number of frames.
+    pub(super) fn frames(&self) -> usize {
+        self.images.len()
+    }
+
+    /// Whether frames 2k and 2k + 1 are pairs.
+    pub(super) fn are_pairs(&self) -> bool {
+        self.manifest.microsig.timing.are_pairs()
+    }
+
     /// Properties that the page needs before it shows a frame.
     ///
     /// # Errors
@@ -101,8 +111,8 @@ impl OpenDataset {
         let (facts, (width, height)) = (&self.manifest.microsig, self.size_px()?);
         Ok(json!({
             "name": self.manifest.name, "title": self.manifest.title, "width": width, "height": height,
-            "bits": facts.sensor.as_ref().map(|s| s.bit_depth), "frames": self.images.len(),
-            "are_pairs": facts.timing.are_pairs(), "mode": facts.timing.mode(), "dt_s": facts.timing.dt_s(),
+            "bits": facts.sensor.as_ref().map(|s| s.bit_depth), "frames": self.frames(),
+            "are_pairs": self.are_pairs(), "mode": facts.timing.mode(), "dt_s": facts.timing.dt_s(),
             "times_s": list(self.times_s.iter().copied()),
             "n_visible": list(self.n_visible.iter().copied()),
             "um_per_px": facts.um_per_px, "depth_um": facts.depth_range_um, "n_p": facts.n_p, "n_s": facts.n_s,

@@ -113,7 +113,7 @@ impl Answers {
 fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u32>, Vec<u32>)> {
     let Some(open) = app.dataset(0)? else { return Ok((Vec::new(), Vec::new())) };
     let mut about = open.about()?;
-    let frames = about["frames"].as_u64().unwrap_or(0) as u32;
+    let frames = open.frames() as u32;
     if let Some(beyond) = wanted.iter().find(|frame| **frame >= frames) {
         return Err(Error::input(format!(
             "--frames {beyond}: expected frames from 0 to {}",
@@ -134,7 +134,7 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     }
     let (mut included, mut left_out) = (Vec::new(), Vec::new());
     for frame in wanted {
-        let of_frame = of_frame(app, &open, frame, about["are_pairs"] == true)?;
+        let of_frame = of_frame(app, &open, frame, open.are_pairs())?;
         if answers.bytes + of_frame.bytes > LARGEST * 9 / 10 {
             left_out.push(frame);
             continue;

@@ -19,9 +19,9 @@ use scoring::evaluate::matching::NONE;
 use scoring::evaluate::planes::PlanePoint;
 use scoring::evaluate::track_set::TrackSet;
 use scoring::evaluate::truth::TrueParticles;
-use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate_files};
+use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, Score, evaluate_files};
 use scoring::results::{Conventions, Position};
-use storage::error::{Error, Result};
+use storage::error::Result;
 
 /// Maximum number of points in a list.
 const MAX_LIST: usize = 500;
@@ -29,7 +29,7 @@ const MAX_LIST: usize = 500;
 /// An open result.
 #[derive(Debug)]
 pub(super) struct OpenResult {
-    score: Value,
+    score: Score,
     /// All scored points, sorted by frame: found, missed and ghost particles.
     points: Vec<Point>,
     /// Number of the last frame with points, plus 1.
@@ -94,8 +94,6 @@ impl OpenResult {
     /// As for [`evaluate_files`].
     pub(super) fn open(dataset: &Path, path: &Path) -> Result<Self> {
         let evaluation = evaluate_files(dataset, path, &EvaluateOptions::default())?;
-        // Not through text, because parsing may change the last digit of numbers.
-        let score = serde_json::to_value(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
         let (points, vectors) = match &evaluation.particles {
             Some(particles) => {
                 let truth = TrueParticles::read(dataset, &Conventions::default())?;
@@ -104,11 +102,11 @@ impl OpenResult {
             None => (in_planes(&evaluation), vectors(&evaluation)),
         };
         let frames = points.last().map_or(0, |point| point.frame + 1);
-        Ok(OpenResult { score, points, frames, vectors })
+        Ok(OpenResult { score: evaluation.score, points, frames, vectors })
     }
 
-    /// The scores, as in `score.json`.
-    pub(super) fn score(&self) -> &Value {
+    /// The scores.
+    pub(super) fn score(&self) -> &Score {
         &self.score
     }
 
@@ -117,7 +115,7 @@ impl OpenResult {
         let mut counts = vec![[0u32; 3]; self.frames as usize];
         self.points.iter().for_each(|point| counts[point.frame as usize][point.kind as usize] += 1);
         let of = |k: usize| counts.iter().map(|counts| counts[k]).collect::<Vec<_>>();
-        json!({ "score": self.score, "is_field": self.score.get("field").is_some_and(|f| !f.is_null()),
+        json!({ "score": self.score, "is_field": self.score.field.is_some(),
             "is_linked": self.points.iter().any(|point| point.from.is_some()),
             "tp": of(0), "fn": of(1), "fp": of(2) })
     }

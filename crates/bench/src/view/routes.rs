@@ -195,7 +195,7 @@ async fn result(State(app): Shared, Path((dataset, tracker)): Path<(usize, usize
 }
 
 async fn score(State(app): Shared, Path((dataset, tracker)): Path<(usize, usize)>) -> Response {
-    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| open.score().clone()))).await
+    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| json!(open.score())))).await
 }
 
 async fn points(State(app): Shared, Path((dataset, tracker, frame)): Path<(usize, usize, u32)>) -> Response {

@@ -35,6 +35,16 @@ pub const GENERATOR_VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Version of the layout of a dataset.
 pub const LAYOUT_VERSION: u32 = 1;
 
+/// What a result holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ResultKind {
+    /// Particles or tracks.
+    Particles,
+    /// Displacement fields.
+    Fields,
+}
+
 /// Description of the coordinates; `zero` completes "z_um is zero ...".
 pub fn coordinates(zero: &str) -> String {
     format!(
@@ -184,10 +194,10 @@ pub struct Facts {
     /// `withheld` if the truth is withheld.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<String>,
-    /// What is scored in a test split: `particles`, and `fields` unless the train split reveals the velocity
+    /// What is scored in a test split: particles, and fields unless the train split reveals the velocity
     /// field.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub scored: Option<Vec<String>>,
+    pub scored: Option<Vec<ResultKind>>,
     /// [`RECORDING`] if the images were recorded instead of generated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kind: Option<String>,

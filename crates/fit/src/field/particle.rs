@@ -10,7 +10,7 @@ use super::frames::Frames;
 use super::local::{BLUR, COUNT, FOCUS, Instrument, Local, QUANTITIES, SLOPE, X, Y, bounded};
 use crate::particles::Window;
 use microsig_core::linear::Symmetric;
-use storage::error::{Error, Result};
+use storage::error::Result;
 
 /// Errors of images in the first steps and in the last ones, relative to the peak.
 pub(super) const COARSE: f64 = 0.03;
@@ -143,10 +143,7 @@ impl Subject<'_> {
             depths.iter().copied().fold(f64::INFINITY, f64::min),
             depths.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         ];
-        let images = self
-            .instrument
-            .images(local, self.toward, range, self.half, tolerance)
-            .map_err(|error| Error::input(error.to_string()))?;
+        let images = self.instrument.images(local, self.toward, range, self.half, tolerance)?;
         let image =
             |depth_um: &f64| (*depth_um, images.share_slopes(*depth_um, &self.places(local, *depth_um)));
         Ok(depths.par_iter().map(image).collect())

@@ -52,7 +52,7 @@ impl Drawn {
     }
 
     fn written(text: &str) -> Self {
-        Drawn { text: text.to_owned(), number: text.trim().parse().ok().filter(|n: &f64| !n.is_nan()) }
+        Drawn { text: text.to_owned(), number: scenario::number(text) }
     }
 }
 

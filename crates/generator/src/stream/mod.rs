@@ -22,7 +22,7 @@ pub use labels::{Flow, LabelOptions, PARTICLE_COLUMNS, Sample};
 use microsig_core::render::Context;
 use microsig_core::sensor::ImageFormat;
 use sampler::Sampler;
-use scenario::{Scenario, load_text};
+use scenario::{Assignment, Scenario, load_text};
 use storage::error::{Error, Result};
 pub use window::Window;
 
@@ -45,7 +45,7 @@ pub struct StreamOptions {
     /// Folder that paths in the scenario are relative to.
     pub folder: PathBuf,
     /// Values that are the same in all samples, `path=value`.
-    pub assignments: Vec<String>,
+    pub assignments: Vec<Assignment>,
     /// The keys that vary and their distributions.
     pub vary: Vec<(String, Distribution)>,
     /// Seed of the stream.
@@ -185,13 +185,11 @@ impl SampleStream {
     /// The scenario of a sample, with one of the varied values replaced by `instead`.
     fn with(&self, index: u64, instead: Option<(&str, &Drawn)>) -> Result<Scenario> {
         let options = &self.options;
-        let value = |(path, drawn): &(&str, Drawn)| match instead {
-            Some((other, value)) if other == *path => format!("{path}={}", value.text),
-            _ => format!("{path}={}", drawn.text),
-        };
-        let varied = self.values(index);
-        let assignments: Vec<String> =
-            options.assignments.iter().cloned().chain(varied.iter().map(value)).collect();
+        let varied = self.values(index).into_iter().map(|(path, drawn)| {
+            let value = instead.filter(|(other, _)| *other == path).map(|(_, value)| value.text.clone());
+            Assignment { path: path.to_owned(), value: value.unwrap_or(drawn.text) }
+        });
+        let assignments: Vec<Assignment> = options.assignments.iter().cloned().chain(varied).collect();
         load_text(
             &options.text,
             (&options.name, &options.folder),

@@ -1,12 +1,14 @@
 //! The language that scenarios and sweeps are written in: RON or JSON, described by one schema.
 //!
 //! [`schema`] describes it, [`text`] parses it, [`read`](read()) checks the tree against the schema and finds
-//! problems ([`storage::problem`]), [`graft`] replaces values; [`template`] and [`document`] generate
+//! problems ([`storage::problem`]), [`graft`] replaces values, [`literal`] reads single values without the
+//! schema; [`template`] and [`document`] generate
 //! documentation.
 
 pub(crate) mod derive;
 pub(crate) mod document;
 pub(crate) mod graft;
+pub(crate) mod literal;
 pub(crate) mod problems;
 mod read;
 pub(crate) mod schema;

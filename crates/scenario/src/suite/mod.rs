@@ -12,7 +12,7 @@ use std::sync::Arc;
 pub use read::suite_schema;
 pub use spec::{AxisLabel, LadderSpec, Metric, Size, SizeSpec, Sizes, SuiteSpec, TrackSpec};
 
-use super::load::{assignment, set};
+use super::load::{Assignment, set};
 use super::shipped::{SHIPPED, shipped_suites};
 use super::source::read_text;
 use super::spec::Spec;
@@ -174,8 +174,8 @@ impl Suite {
                     }
                     let mut spec = rung.spec.clone();
                     for assigned in &of_size.set {
-                        let (path, value) = assignment(assigned)?;
-                        spec = set(&spec, path, value)?;
+                        let Assignment { path, value } = assigned.parse()?;
+                        spec = set(&spec, &path, &value)?;
                     }
                     spec.name = format!("{}-{}-{}", self.spec.name, track.name.to_lowercase(), rung.name);
                     cases.push(SuiteCase {

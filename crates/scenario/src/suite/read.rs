@@ -12,7 +12,7 @@ use crate::language::problems::Problems;
 use crate::language::schema::{Schema, nearest};
 use crate::language::text::{self, Node};
 use crate::language::typed;
-use crate::load::{assignment, parse as parse_scenario, set};
+use crate::load::{Assignment, parse as parse_scenario, set};
 use crate::source::read_text;
 use crate::sweep::parse_sweep;
 use storage::error::{Error, Result};
@@ -209,7 +209,9 @@ fn changes(spec: &SuiteSpec, t: usize, rungs: &[Vec<Rung>], tree: &Node, problem
         for size in Size::ALL {
             for (i, assigned) in sizes.of(size).set.iter().enumerate() {
                 let path = format!("{above}.{}.set.{i}", size.name());
-                let changed = assignment(assigned).and_then(|(key, value)| set(&first.spec, key, value));
+                let changed = assigned
+                    .parse::<Assignment>()
+                    .and_then(|Assignment { path, value }| set(&first.spec, &path, &value));
                 if let Err(e) = changed {
                     let first = e.problems().into_iter().next().unwrap_or_default();
                     let message = format!("{assigned}: {first} ({})", ladder.from);

@@ -31,7 +31,7 @@ pub use gradients::Gradients;
 pub use nodes::NodeErrors;
 pub use peak_locking::PeakLocking;
 pub use spectrum::{SpectralPoint, Spectrum};
-use true_field::TrueFields;
+use true_field::{Displacement, TrueFields};
 
 /// RMS of the true displacement about its mean below which a flow is uniform, px.
 const UNIFORM_PX: f64 = 0.05;
@@ -87,7 +87,7 @@ pub struct ScoredField {
 
 /// Scores a field against true fields; `seed` is that of the bootstrap.
 pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
-    let TrueFields { named: truths, plane_um, facts, note } = truth;
+    let TrueFields { fields: truths, plane_um, facts, note } = truth;
     let is_there = |v: &FlowVector| v.pair.is_none_or(|pair| facts.has_pair(pair));
     let count = |flag: u8| field.vectors.iter().filter(|v| v.flag == flag).count();
     let n_total = field.vectors.len();
@@ -103,7 +103,8 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
         notes: note.iter().cloned().collect(),
         ..ScoredField::default()
     };
-    for (i, (name, grid)) in truths.iter().enumerate() {
+    for (i, (kind, grid)) in truths.iter().enumerate() {
+        let name = kind.map_or("truth", Displacement::name);
         // Positions without a truth, such as inside a body, are not scored.
         let there = field.vectors.iter().filter(|v| is_there(v));
         let asked: Vec<ComparedVector> =
@@ -114,7 +115,7 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
         if i == 0 {
             let valid = compared.iter().filter(|c| c.measured.flag == 0).count();
             scored.score.n_outside = scored.score.n_reported - valid;
-            (scored.score.against, scored.score.main) = (name.clone(), against.clone());
+            (scored.score.against, scored.score.main) = (name.to_owned(), against.clone());
             if 10 * scored.score.n_outside > scored.score.n_reported {
                 let pairs =
                     if grid.needs_pairs() { ", or the file does not give their image pair" } else { "" };
@@ -136,7 +137,7 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
             scored.hints = hints::hints(&field.vectors, &compared, grid);
             scored.vectors = compared;
         }
-        scored.score.truths.insert(name.clone(), against);
+        scored.score.truths.insert(name.to_owned(), against);
     }
     let named: BTreeSet<u32> = field.vectors.iter().filter_map(|v| v.pair).collect();
     if !named.is_empty() {

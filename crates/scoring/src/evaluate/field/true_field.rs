@@ -7,6 +7,8 @@ use std::path::Path;
 use crate::results::{Conventions, FlowVector, Position, read_field};
 use dataset::{FieldRow, RecordingFacts, Row, TableReader};
 use generator::runner::DatasetPlace;
+use schemars::JsonSchema;
+use serde::Deserialize;
 use storage::error::{Error, Result};
 
 /// True displacements on a grid, one field for each image pair or one for all.
@@ -110,15 +112,47 @@ pub(super) fn index(axis: &[f64], v: f64) -> usize {
 /// A file that is not a field.
 pub(in super::super) fn bare(path: &Path) -> Result<TrueFields> {
     let field = read_field(path, &Conventions::default())?;
-    let named = vec![("truth".to_owned(), TrueField::new(&field.vectors))];
-    Ok(TrueFields { named, ..TrueFields::default() })
+    let fields = vec![(None, TrueField::new(&field.vectors))];
+    Ok(TrueFields { fields, ..TrueFields::default() })
+}
+
+/// Kinds of true displacement fields.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Displacement {
+    /// Displacement of the fluid element that is at the node half-way between the two frames.
+    Central,
+    /// Displacement of the fluid element that is at the node in the first frame.
+    Forward,
+    /// The central displacement averaged over depth.
+    Weighted,
+}
+
+impl Displacement {
+    /// Prefix of its columns in `truth/field.csv`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Displacement::Central => "central",
+            Displacement::Forward => "forward",
+            Displacement::Weighted => "weighted",
+        }
+    }
+
+    /// At a node [px, px, um].
+    fn of(self, row: &FieldRow) -> [f64; 3] {
+        match self {
+            Displacement::Central => [row.central_dx_px, row.central_dy_px, row.central_dz_um],
+            Displacement::Forward => [row.forward_dx_px, row.forward_dy_px, row.forward_dz_um],
+            Displacement::Weighted => [row.weighted_dx_px, row.weighted_dy_px, row.weighted_dz_um],
+        }
+    }
 }
 
 /// The true fields of a dataset on one plane.
 #[derive(Debug, Default)]
 pub struct TrueFields {
-    /// Name and field; the first is the main truth.
-    pub named: Vec<(String, TrueField)>,
+    /// Kind (`None` for a bare table) and field; the first is the main truth.
+    pub fields: Vec<(Option<Displacement>, TrueField)>,
     /// Depth of the plane, um; `None` for a bare table.
     pub plane_um: Option<f64>,
     /// Facts from the dataset's manifest.
@@ -212,12 +246,10 @@ pub fn of_rows(rows: Source<'_>, facts: RecordingFacts, plane_um: Option<f64>) -
     let middle = facts.depth_um.map(|(low, high)| f64::midpoint(low, high)).filter(|_| facts.is_all_in_focus);
     let chosen = choose(rows, plane_um, facts.focus_um.or(middle).unwrap_or(0.0))?;
     let by_depth = facts.is_all_in_focus && plane_um.is_none();
-    let kinds = match by_depth {
-        true => ["weighted", "central", "forward"],
-        false => ["central", "forward", "weighted"],
-    };
-    let named = on_plane(rows, chosen, kinds)?;
-    let note = match named.first() {
+    let [central, forward, weighted] = [Displacement::Central, Displacement::Forward, Displacement::Weighted];
+    let order = if by_depth { [weighted, central, forward] } else { [central, forward, weighted] };
+    let fields = on_plane(rows, chosen, order)?;
+    let note = match fields.first() {
         None => {
             return Err(Error::input(format!(
                 "{}: no values in columns central_dx_px, forward_dx_px or weighted_dx_px on the plane z = {chosen} um",
@@ -225,11 +257,13 @@ pub fn of_rows(rows: Source<'_>, facts: RecordingFacts, plane_um: Option<f64>) -
             )));
         }
         Some((main, _)) if by_depth => Some(format!(
-            "all depths are equally sharp: the {main} truth is the main one; truths on a plane are those at z = {chosen} um"
+            "all depths are equally sharp: the {} truth is the main one; truths on a plane are those at z = {chosen} um",
+            main.name()
         )),
         _ => None,
     };
-    Ok(TrueFields { named, plane_um: Some(chosen), facts, note })
+    let fields = fields.into_iter().map(|(kind, field)| (Some(kind), field)).collect();
+    Ok(TrueFields { fields, plane_um: Some(chosen), facts, note })
 }
 
 /// Depth of the plane nearest to `asked`, or else to `otherwise`, um; the first of two equally near ones.
@@ -263,7 +297,11 @@ fn choose(rows: Source<'_>, asked: Option<f64>, otherwise: f64) -> Result<f64> {
 }
 
 /// The kinds of truth that have values on a plane, in the order of `kinds`.
-fn on_plane(rows: Source<'_>, plane_um: f64, kinds: [&str; 3]) -> Result<Vec<(String, TrueField)>> {
+fn on_plane(
+    rows: Source<'_>,
+    plane_um: f64,
+    kinds: [Displacement; 3],
+) -> Result<Vec<(Displacement, TrueField)>> {
     let mut nodes: [Vec<FlowVector>; 3] = Default::default();
     rows.each(|row| {
         if row.z_um != plane_um {
@@ -271,12 +309,7 @@ fn on_plane(rows: Source<'_>, plane_um: f64, kinds: [&str; 3]) -> Result<Vec<(St
         }
         let at = Position { x_px: row.x_px, y_px: row.y_px, z_um: row.z_um };
         for (nodes, kind) in nodes.iter_mut().zip(kinds) {
-            let moved = match kind {
-                _ if row.mask => [f64::NAN; 3],
-                "central" => [row.central_dx_px, row.central_dy_px, row.central_dz_um],
-                "forward" => [row.forward_dx_px, row.forward_dy_px, row.forward_dz_um],
-                _ => [row.weighted_dx_px, row.weighted_dy_px, row.weighted_dz_um],
-            };
+            let moved = if row.mask { [f64::NAN; 3] } else { kind.of(row) };
             let flag = u8::from(row.mask);
             nodes.push(FlowVector { pair: row.pair, at, moved, flag, sigma: [f64::NAN; 2] });
         }
@@ -285,7 +318,7 @@ fn on_plane(rows: Source<'_>, plane_um: f64, kinds: [&str; 3]) -> Result<Vec<(St
         .iter()
         .zip(nodes)
         .filter(|(_, nodes)| nodes.iter().any(|n| n.moved[0].is_finite() && n.moved[1].is_finite()));
-    Ok(with_values.map(|(kind, nodes)| ((*kind).to_owned(), TrueField::new(&nodes))).collect())
+    Ok(with_values.map(|(kind, nodes)| (*kind, TrueField::new(&nodes))).collect())
 }
 
 #[cfg(test)]
