@@ -266,15 +266,8 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     };
     let test = |case: &str| c.datasets.join("P2").join(case).join("test");
     for case in ["noise_0.5", "noise_2"] {
-        run(&[
-            "track",
-            path(&test(case)),
-            "--method",
-            "spots",
-            "--out",
-            path(&result("spots", case)),
-            "--quiet",
-        ]);
+        let out = result("spots", case);
+        run(&["track", path(&test(case)), "--method", "spots", "--out", path(&out), "--quiet"]);
     }
     std::fs::copy(test("noise_2").join("truth/tracks.csv"), result("perfect", "noise_2")).unwrap();
     std::fs::write(result("broken", "noise_2"), "frame,x_px,y_px\n0,1,a\n").unwrap();
