@@ -2,13 +2,12 @@
 
 use pyo3::prelude::*;
 use pythonize::{PythonizeError, pythonize};
-use scenario::Literal;
 use serde::Serialize;
 use serde_json::Value;
 
 /// A result as Python receives it: dicts, lists, numbers, texts and None, with the keys of its JSON.
 #[derive(Debug)]
-pub(crate) struct Object(pub(crate) Value);
+pub(crate) struct Object<T = Value>(pub(crate) T);
 
 impl Object {
     /// The result.
@@ -20,20 +19,7 @@ impl Object {
     }
 }
 
-/// A value of a scenario as Python has it.
-pub(crate) struct ScenarioValue(pub(crate) Literal);
-
-impl<'py> IntoPyObject<'py> for ScenarioValue {
-    type Target = PyAny;
-    type Output = Bound<'py, PyAny>;
-    type Error = PythonizeError;
-
-    fn into_pyobject(self, py: Python<'py>) -> Result<Self::Output, Self::Error> {
-        pythonize(py, &self.0)
-    }
-}
-
-impl<'py> IntoPyObject<'py> for Object {
+impl<'py, T: Serialize> IntoPyObject<'py> for Object<T> {
     type Target = PyAny;
     type Output = Bound<'py, PyAny>;
     type Error = PythonizeError;

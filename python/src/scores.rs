@@ -19,7 +19,7 @@ use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
 use crate::dataset::{Made, Place};
-use crate::object::{Object, ScenarioValue};
+use crate::object::Object;
 use crate::run::{OnInterrupt, Show, raise, run};
 
 /// Options of scoring; numbers are within their ranges.
@@ -242,7 +242,7 @@ struct SweepCases {
 }
 
 /// A case: name, values of the axes, repetition, seed.
-type CaseFacts = (String, Vec<ScenarioValue>, u32, u64);
+type CaseFacts = (String, Vec<Object<Literal>>, u32, u64);
 
 #[pymethods]
 impl SweepCases {
@@ -253,8 +253,7 @@ impl SweepCases {
 
     /// All cases.
     fn cases(&self) -> Vec<CaseFacts> {
-        let values =
-            |case: &scenario::Case| case.values.iter().map(|v| ScenarioValue(Literal::of(v))).collect();
+        let values = |case: &scenario::Case| case.values.iter().map(|v| Object(Literal::of(v))).collect();
         let of = |case: &scenario::Case| (case.name.clone(), values(case), case.repetition, case.seed);
         self.sweep.cases.iter().map(of).collect()
     }

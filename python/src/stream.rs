@@ -16,7 +16,7 @@ use rayon::ThreadPool;
 use scenario::Literal;
 
 use crate::dataset::ScenarioText;
-use crate::object::{Object, ScenarioValue};
+use crate::object::Object;
 use crate::run::{OnInterrupt, defect, pool, raise, run};
 
 /// Interval at which signals are checked.
@@ -126,8 +126,8 @@ impl Samples {
     }
 
     /// The values of a sample that vary.
-    fn values(&self, index: u64) -> Vec<(String, ScenarioValue)> {
-        let given = |(path, drawn): (&str, Drawn)| (path.to_owned(), ScenarioValue(Literal::of(&drawn.text)));
+    fn values(&self, index: u64) -> Vec<(String, Object<Literal>)> {
+        let given = |(path, drawn): (&str, Drawn)| (path.to_owned(), Object(Literal::of(&drawn.text)));
         self.0.values(index).into_iter().map(given).collect()
     }
 

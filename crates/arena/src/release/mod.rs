@@ -73,7 +73,7 @@ pub struct ReleaseOptions {
     pub val: Option<u32>,
     /// Number of pairs or frames of the test split; `None`: as many as the dataset has.
     pub test: Option<u32>,
-    /// Scenario values to change in the test split: `path=value`.
+    /// Scenario values to change in the test split.
     pub test_set: Vec<Assignment>,
     /// Whether to publish the exact times of the test split's frames, including jitter, instead of the
     /// nominal ones.

@@ -44,7 +44,7 @@ pub struct StreamOptions {
     pub name: String,
     /// Folder that paths in the scenario are relative to.
     pub folder: PathBuf,
-    /// Values that are the same in all samples, `path=value`.
+    /// Values that are the same in all samples.
     pub assignments: Vec<Assignment>,
     /// The keys that vary and their distributions.
     pub vary: Vec<(String, Distribution)>,

@@ -2,8 +2,7 @@
 //!
 //! [`schema`] describes it, [`text`] parses it, [`read`](read()) checks the tree against the schema and finds
 //! problems ([`storage::problem`]), [`graft`] replaces values, [`literal`] reads single values without the
-//! schema; [`template`] and [`document`] generate
-//! documentation.
+//! schema; [`template`] and [`document`] generate documentation.
 
 pub(crate) mod derive;
 pub(crate) mod document;
