@@ -384,7 +384,6 @@ def release(
     title: str | None = None,
     creators: Iterable[str] = (),
     deadline: datetime.date | str | None = None,
-    after: _Path | None = None,
     release_version: str | None = None,
     resume: bool = False,
     force: bool = False,
@@ -405,8 +404,7 @@ def release(
     :param title: title of the challenge
     :param creators: authors, as ``Family, Given`` or names of groups
     :param deadline: last day for submissions, a date or text such as ``2027-03-01``
-    :param after: the release of the round before: this one has another secret key and lists the earlier rounds
-    :param release_version: version of the challenge, by default 1.0.0, in later rounds 2.0.0, ...
+    :param release_version: version of the challenge, by default 1.0.0
     :param resume: leave a finished challenge of this dataset unchanged
     :param force: with ``new_keys``, replace a challenge
     :param new_keys: draw a new secret key, which invalidates everything published of an earlier challenge
@@ -429,7 +427,6 @@ def release(
         .add("title", title)
         .add("creator", [str(name) for name in creators])
         .add("deadline", None if deadline is None else str(deadline))
-        .add("after", after)
         .add("release_version", None if release_version is None else str(release_version))
         .add("resume", flag("resume", resume))
         .add("force", flag("force", force))

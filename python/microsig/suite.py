@@ -137,7 +137,6 @@ def release(
     case: str | None = None,
     creators: Iterable[str] = (),
     deadline: datetime.date | str | None = None,
-    after: _Path | None = None,
     resume: bool = False,
     force: bool = False,
     new_keys: bool = False,
@@ -148,7 +147,6 @@ def release(
     """Make a challenge of each case: ``OUT/TRACK/CASE/{public,withheld}``; arguments as of :func:`microsig.release`.
 
     :param datasets: the generated suite, whose train splits become those of the challenges
-    :param after: the releases of the round before, as ``out`` of that round
     :returns: a dict for every challenge
     :raises ValueError: a dataset that does not verify
     :raises FileExistsError: a challenge exists
@@ -156,7 +154,7 @@ def release(
     """
     options = _selected(Options("suite", "release"), track, case)
     options.add("creator", [str(name) for name in creators])
-    options.add("deadline", None if deadline is None else str(deadline)).add("after", after)
+    options.add("deadline", None if deadline is None else str(deadline))
     options.add("resume", flag("resume", resume)).add("force", flag("force", force))
     options.add("new_keys", flag("new_keys", new_keys))
     options.add("codabench", flag("codabench", codabench)).add("wheel", wheel)

@@ -208,11 +208,11 @@ def test_release_makes_a_challenge(dataset, tmp_path):
         ms.release(dataset, tmp_path / "out")
 
     open_until = datetime.date(9999, 12, 31)
-    after = ms.release(dataset, tmp_path / "next", val=2, test=2, after=tmp_path / "out", deadline=open_until)
-    assert (after["round"], after["deadline"]) == (2, "9999-12-31")
+    until = ms.release(dataset, tmp_path / "next", val=2, test=2, deadline=open_until)
+    assert until["deadline"] == "9999-12-31"
     with pytest.raises(ValueError, match="its deadline is 9999-12-31 .*; early=True publishes"):
         ms.reveal(tmp_path / "next", tmp_path / "truth")
-    assert ms.reveal(tmp_path / "next", tmp_path / "truth", early=True)["commitment"] == after["commitment"]
+    assert ms.reveal(tmp_path / "next", tmp_path / "truth", early=True)["commitment"] == until["commitment"]
 
 
 def test_suites_are_listed_generated_checked_scored(tmp_path):

@@ -6,6 +6,8 @@
 use std::io::Read;
 use std::path::Path;
 
+use serde::Deserialize;
+
 use super::{MARK, ReleaseOptions};
 use dataset::manifest::MANIFEST;
 use storage::advice;
@@ -19,14 +21,14 @@ use storage::folder::{Earlier, check_replaceable};
 /// # Errors
 /// An existing challenge, unless it was made from the dataset and `options.resume` keeps it, or
 /// `options.force` and `options.new_keys` replace it; any other folder that is not empty.
-pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions, version: &str) -> Result<bool> {
+pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool> {
     let out = &options.out;
     if !out.join(MARK).is_file() {
         check_replaceable(out, Earlier::new(MARK, options.force))?;
         return Ok(false);
     }
     if options.resume {
-        return belongs(dataset, options, version).map(|()| true);
+        return belongs(dataset, options).map(|()| true);
     }
     if !(options.force && options.new_keys) {
         let hint = advice!(
@@ -45,7 +47,7 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions, version: &str) 
 
 /// Checks that a challenge was made from this dataset, in this version: its archive of train has the
 /// dataset's checksums.
-fn belongs(dataset: &Path, options: &ReleaseOptions, version: &str) -> Result<()> {
+fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
     let out = &options.out;
     let refuse = |what: &str| {
         let (force, keys) = (flag("force"), flag("new_keys"));
@@ -58,6 +60,7 @@ fn belongs(dataset: &Path, options: &ReleaseOptions, version: &str) -> Result<()
     let manifest = storage::read_text(&out.join("public").join(MANIFEST))?;
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
     let Some(name) = name_of(&manifest) else { return refuse("lists no archive of a train split") };
+    let version = options.about.version();
     if manifest["version"].as_str() != Some(version) {
         return refuse(&format!("does not have version {version}"));
     }
@@ -68,8 +71,44 @@ fn belongs(dataset: &Path, options: &ReleaseOptions, version: &str) -> Result<()
     refuse(&format!("was not made from {}", dataset.display()))
 }
 
+/// Deadline and commitment in the public manifest of a release.
+#[derive(Debug, Clone, Default, Deserialize)]
+pub(super) struct PublicFacts {
+    #[serde(default)]
+    pub(super) deadline: Option<String>,
+    #[serde(default)]
+    pub(super) commitment_sha256: String,
+}
+
+/// Name and facts of a release, from its public manifest.
+#[derive(Debug, Clone)]
+pub(super) struct PublicManifest {
+    pub(super) name: String,
+    pub(super) facts: PublicFacts,
+}
+
+impl PublicManifest {
+    /// Reads the manifest of a release.
+    ///
+    /// # Errors
+    /// A folder that is no release.
+    pub(super) fn read(release: &Path) -> Result<Self> {
+        let path = release.join("public").join(MANIFEST);
+        let no = |what: &str| Error::input(format!("{}: {what}", path.display()));
+        if !path.is_file() {
+            let what = "not a challenge made by `microsig release`: it has no public";
+            return Err(Error::input(format!("{}: {what}/{MANIFEST}", release.display())));
+        }
+        let value: serde_json::Value =
+            serde_json::from_str(&storage::read_text(&path)?).map_err(|e| no(&e.to_string()))?;
+        let name = name_of(&value).ok_or_else(|| no("lists no archive of a train split"))?;
+        let facts = serde_json::from_value(value["microsig"].clone()).map_err(|e| no(&e.to_string()))?;
+        Ok(PublicManifest { name: name.to_owned(), facts })
+    }
+}
+
 /// The name of a challenge, from the archive of train in its manifest.
-pub(super) fn name_of(manifest: &serde_json::Value) -> Option<&str> {
+fn name_of(manifest: &serde_json::Value) -> Option<&str> {
     let resources = manifest["resources"].as_array().into_iter().flatten();
     resources.filter_map(|of| of["path"].as_str()).find_map(|path| path.strip_suffix("-train.zip"))
 }

@@ -11,7 +11,6 @@
 //!   test/                             the complete test split with its secret key, for scoring submissions
 //!   NAME-test-truth.zip  salt.bin     to be published after the deadline
 //!   codabench.zip                     a bundle for the Codabench platform, with --codabench
-//!   rounds.json                       the rounds up to this one, with a hash of the key of each
 //!   README.md                         instructions
 //! ```
 //!
@@ -26,7 +25,6 @@ mod deadline;
 mod existing;
 mod overlap;
 mod reveal;
-mod rounds;
 mod splits;
 mod submission;
 mod test_split;
@@ -34,7 +32,6 @@ mod test_split;
 pub use about::Publication;
 pub use deadline::Deadline;
 pub use reveal::{RevealOptions, Revealed, reveal};
-pub use rounds::Round;
 pub use scenario::derived_seed;
 pub use submission::{Submission, SubmissionFiles, Validated, limits, validate};
 
@@ -87,8 +84,6 @@ pub struct ReleaseOptions {
     pub wheel: Option<PathBuf>,
     /// The last day for submissions.
     pub deadline: Option<Deadline>,
-    /// The release of the round before this one.
-    pub after: Option<PathBuf>,
     /// Bibliographic data.
     pub about: Publication,
     /// Progress display.
@@ -108,8 +103,6 @@ pub struct Released {
     pub images: [u32; 3],
     /// SHA-256 of salt and truth archive.
     pub commitment: String,
-    /// Number of the round, from 1.
-    pub round: u32,
     /// The last day for submissions.
     pub deadline: Option<String>,
     /// What participants are scored on: particles, and fields unless the train split reveals the velocity
@@ -135,14 +128,7 @@ const MARK: &str = "public/commitment.sha256";
 /// `force` and `new_keys`; an I/O error.
 pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Released>> {
     let start = Instant::now();
-    let mut rounds = rounds::before(options)?;
-    let round = rounds.last().map_or(1, |last| last.round + 1);
-    let version = options.about.version.clone().unwrap_or_else(|| format!("{round}.0.0"));
-    if let Some(same) = rounds.iter().find(|of| of.version == version) {
-        let what = format!(": is that of round {}", same.round);
-        return Err(Error::option(advice!(option("release_version").of(version), what)));
-    }
-    if existing::is_there(dataset, options, &version)? {
+    if existing::is_there(dataset, options)? {
         return Ok(None);
     }
     let train = Train::open(dataset, &options.context)?;
@@ -179,16 +165,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     kept.zip(&format!("{name}-test"), &withheld, &truth)?;
     let commitment = commit(&withheld, &truth)?;
 
-    let deadline = options.deadline.map(|deadline| deadline.to_string());
-    rounds.push(Round {
-        round,
-        version,
-        deadline: deadline.clone(),
-        commitment_sha256: commitment.clone(),
-        key_sha256: Some(rounds::key_sha256(&folder)?),
-    });
-    withheld.save_bytes(rounds::ROUNDS, rounds::list(&rounds)?)?;
-    let about = options.about.of(&train, &rounds, options.deadline, &scored, is_flow_known);
+    let about = options.about.of(&train, &commitment, options.deadline, &scored, is_flow_known);
     let recordings = (!options.exact_times).then_some(&test.recordings);
     test_split::package(dataset, &folder, recordings, &about)?.zip(
         &format!("{name}-test"),
@@ -224,8 +201,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     Ok(Some(Released {
         out: options.out.clone(),
         name: name.clone(),
-        round,
-        deadline,
+        deadline: options.deadline.map(|deadline| deadline.to_string()),
         scored,
         warnings,
         images: [&train.scenario, &val, &test].map(|s| s.recordings.frames()),

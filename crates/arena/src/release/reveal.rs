@@ -16,7 +16,7 @@ use std::time::SystemTime;
 use serde::Serialize;
 
 use super::deadline::{Deadline, UNTIL};
-use super::rounds::PublicManifest;
+use super::existing::PublicManifest;
 use super::{COMMITMENT, SALT};
 use crate::package::Package;
 use storage::advice;
@@ -62,7 +62,7 @@ pub struct Revealed {
 pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     let earlier = Earlier::new(COMMITMENT, options.force);
     check_replaceable(&options.out, earlier)?;
-    let PublicManifest { name, facts, .. } = PublicManifest::read(challenge)?;
+    let PublicManifest { name, facts } = PublicManifest::read(challenge)?;
     let refuse = |why: String, hint: &str| {
         let what = format!("{}: {why}; ", challenge.display());
         Err(Error::option(advice!(what, flag("early"), hint)))

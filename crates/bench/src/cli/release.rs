@@ -53,9 +53,6 @@ pub(super) struct Release {
     /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
     #[arg(long, value_name = "DATE")]
     deadline: Option<Deadline>,
-    /// Release of the round before: this one has another secret key and lists the earlier rounds
-    #[arg(long, value_name = "RELEASE")]
-    after: Option<PathBuf>,
     /// Title of the challenge [default: that of the dataset]
     #[arg(long)]
     title: Option<String>,
@@ -69,7 +66,7 @@ pub(super) struct Release {
     /// it
     #[arg(long)]
     new_keys: bool,
-    /// Version of the challenge [default: 1.0.0, in later rounds 2.0.0, ...]
+    /// Version of the challenge [default: 1.0.0]
     #[arg(long, value_name = "TEXT")]
     release_version: Option<String>,
     #[command(flatten)]
@@ -100,7 +97,6 @@ impl Release {
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
                 deadline: self.deadline,
-                after: self.after.clone(),
                 about,
                 progress: progress(common),
                 context: common.context.clone(),

@@ -181,9 +181,6 @@ struct Release {
     /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
     #[arg(long, value_name = "DATE")]
     deadline: Option<Deadline>,
-    /// Releases of the round before: these have other secret keys and list the earlier rounds
-    #[arg(long, value_name = "RELEASES")]
-    after: Option<PathBuf>,
     /// Continue an interrupted run; finished challenges keep their secret keys
     #[arg(long)]
     resume: bool,
@@ -452,7 +449,7 @@ impl Release {
             let about = Publication {
                 title: Some(format!("{}: {} {}", suite.spec.title, case.track, case.name)),
                 creators: self.creator.clone(),
-                version: self.after.is_none().then(|| suite.spec.version.clone()),
+                version: Some(suite.spec.version.clone()),
             };
             let options = ReleaseOptions {
                 out,
@@ -467,7 +464,6 @@ impl Release {
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
                 deadline: self.deadline,
-                after: self.after.as_ref().map(|after| after.join(case.folder())),
                 about,
                 progress: progress(common),
                 context: common.context.clone(),

@@ -1,9 +1,8 @@
-//! Deadlines of challenges, publication of their truth, and rounds with keys of their own.
+//! Deadlines of challenges and publication of their truth.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
 use suite::microsig::{fail, microsig, path, run, text};
 
 use crate::release::{CHALLENGE, submission, unpack};
@@ -13,10 +12,6 @@ fn challenge(place: &Path, name: &str, more: &[&str]) -> PathBuf {
     let out = place.join(name);
     run(&[&["release", path(&CHALLENGE.dataset), "--out", path(&out), "--quiet"], more].concat());
     out
-}
-
-fn json(file: &Path) -> Value {
-    serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
 }
 
 /// SHA-256 of several files in a row, as of `cat A B | sha256sum`.
@@ -114,64 +109,4 @@ fn a_submission_is_told_the_deadline() {
         assert!(output.status.success() && text.contains(&format!("; deadline {day}")), "{text}");
         assert_eq!(text.contains("has passed"), is_over, "{text}");
     }
-}
-
-#[test]
-fn each_round_has_its_key_and_lists_those_before() {
-    let place = tempfile::tempdir().unwrap();
-    let first = challenge(place.path(), "first", &["--deadline", "2020-02-29"]);
-    let before = suite::tree(&first).unwrap();
-    let second = challenge(place.path(), "second", &["--after", path(&first), "--deadline", "9999-12-31"]);
-    let third = challenge(place.path(), "third", &["--after", path(&second)]);
-    assert!(suite::tree(&first).unwrap() == before, "earlier rounds are unchanged");
-
-    let rounds = json(&third.join("withheld/rounds.json"));
-    for (i, (folder, deadline)) in
-        [(&first, Value::from("2020-02-29")), (&second, "9999-12-31".into()), (&third, Value::Null)]
-            .into_iter()
-            .enumerate()
-    {
-        let of = &rounds[i];
-        assert_eq!(of["round"], i + 1);
-        assert_eq!(of["version"], format!("{}.0.0", i + 1));
-        assert_eq!(of["deadline"], deadline);
-        let commitment = fs::read_to_string(folder.join("public/commitment.sha256")).unwrap();
-        assert!(commitment.starts_with(of["commitment_sha256"].as_str().unwrap()));
-        let key = suite::sha256(&folder.join("withheld/test/secret_key.txt")).unwrap();
-        assert_eq!(of["key_sha256"], key);
-        // The public part lists the same rounds without their keys.
-        let public = json(&third.join("public/datapackage.json"))["microsig"]["rounds"][i].clone();
-        assert_eq!(public["commitment_sha256"], of["commitment_sha256"]);
-        assert!(public.get("key_sha256").is_none());
-        for file in fs::read_dir(third.join("public")).unwrap().map(|entry| entry.unwrap().path()) {
-            assert!(!text(&fs::read(&file).unwrap()).contains(&key), "{}", file.display());
-        }
-    }
-    assert_eq!(rounds.as_array().unwrap().len(), 3);
-    let keys: std::collections::BTreeSet<&str> =
-        rounds.as_array().unwrap().iter().map(|of| of["key_sha256"].as_str().unwrap()).collect();
-    assert_eq!(keys.len(), 3);
-    let readme = fs::read_to_string(third.join("public/README.md")).unwrap();
-    assert!(readme.contains("This is round 3.") && readme.contains("| 1 | 1.0.0 | 2020-02-29 |"), "{readme}");
-
-    // A round keeps its folder and its version.
-    let release = ["release", path(&CHALLENGE.dataset), "--out", path(&third), "--after"];
-    let message = fail(2, &[&release[..], &[path(&third), "--force", "--new-keys"]].concat());
-    assert!(message.contains("is the folder of the new round"), "{message}");
-    let out = place.path().join("same");
-    let release = ["release", path(&CHALLENGE.dataset), "--out", path(&out), "--after", path(&second)];
-    let message = fail(2, &[&release[..], &["--release-version", "2.0.0"]].concat());
-    assert!(message.contains("--release-version 2.0.0: is that of round 2"), "{message}");
-    assert!(
-        run(&[
-            "release",
-            path(&CHALLENGE.dataset),
-            "--out",
-            path(&second),
-            "--after",
-            path(&first),
-            "--resume"
-        ])
-        .contains("already exists")
-    );
 }
