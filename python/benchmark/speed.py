@@ -2,7 +2,7 @@
 
     python python/benchmark/speed.py results/python [--synthpix PYTHON]
 
-PYTHON is the interpreter of an environment with `xtask/src/bench/peers/requirements.txt`. All figures are of one core; the runs of
+PYTHON is the interpreter of an environment with `results/peers/requirements.txt`. All figures are of one core; the runs of
 programs that are compared take turns.
 """
 
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Its compiled function that draws pairs for a given displacement, and its own stream of batches, with flow
 #: fields from files.
 SYNTHPIX = {
-    "SynthPix, compiled function": ROOT / "xtask/src/bench/peers/synthpix_pairs.py",
+    "SynthPix, compiled function": ROOT / "results/peers/synthpix_pairs.py",
     "SynthPix, its stream": Path(__file__).with_name("synthpix_sampler.py"),
 }
 REPEATS = 3

@@ -2,7 +2,7 @@
 
     synthpix_sampler.py PAIRS PPP DIAMETER_PX
 
-The images are those of `xtask/src/bench/peers/synthpix_pairs.py`. The flow field is read from a file for every batch, as SynthPix does, with the
+The images are those of `results/peers/synthpix_pairs.py`. The flow field is read from a file for every batch, as SynthPix does, with the
 margin that its fastest particles need. Compilation is not timed.
 """
 

@@ -1,4 +1,4 @@
-//! The microsig side of the comparison: in-focus image pairs in memory, on one thread, in a separate process.
+//! In-focus image pairs in memory, on one thread: microsig's side of the comparison with other generators (results/peers).
 
 use std::hint::black_box;
 
@@ -8,7 +8,7 @@ use microsig_core::stream::{Purpose, Stream, Streams};
 use microsig_core::{Particle, Settings};
 
 /// Edge of an image, px.
-pub(super) const SIDE: u32 = 512;
+const SIDE: u32 = 512;
 
 /// Renders image pairs of a vortex: diameters within 9 % of `diameter_px`, peaks of 50 to 250 counts,
 /// Gaussian noise of 5 counts.
