@@ -9,7 +9,6 @@ mod assets;
 mod board;
 mod body;
 mod columns;
-mod connections;
 mod dataset;
 mod editor;
 mod export;

@@ -82,15 +82,11 @@ fn refused(error: &Error) -> Response {
 
 /// Runs a job on a worker thread and sends its result as JSON.
 async fn work(app: Arc<App>, of: impl FnOnce(&App) -> Result<Option<Value>> + Send + 'static) -> Response {
-    let Ok(permit) = Arc::clone(&app.large).acquire_owned().await else {
-        return StatusCode::SERVICE_UNAVAILABLE.into_response();
-    };
     let shared = Arc::clone(&app);
-    let done =
-        app.job(move || of(&shared).map(|value| value.map(|value| Bytes::from(value.to_string())))).await;
+    let done = app.job(move || of(&shared).map(|value| value.map(|value| value.to_string()))).await;
     match done {
         None => StatusCode::TOO_MANY_REQUESTS.into_response(),
-        Some(Ok(Some(bytes))) => body::large(permit, bytes, "application/json"),
+        Some(Ok(Some(text))) => ([(header::CONTENT_TYPE, "application/json")], text).into_response(),
         Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
         Some(Err(error)) => refused(&error),
     }
@@ -158,9 +154,6 @@ async fn dataset(State(app): Shared, Path(dataset): Path<usize>) -> Response {
 }
 
 async fn frame(State(app): Shared, Path((dataset, frame)): Path<(usize, usize)>) -> Response {
-    let Ok(permit) = Arc::clone(&app.large).acquire_owned().await else {
-        return StatusCode::SERVICE_UNAVAILABLE.into_response();
-    };
     let shared = Arc::clone(&app);
     let counts = app.job(move || match shared.dataset(dataset)? {
         Some(open) => open.counts(frame),
@@ -168,7 +161,9 @@ async fn frame(State(app): Shared, Path((dataset, frame)): Path<(usize, usize)>)
     });
     match counts.await {
         None => StatusCode::TOO_MANY_REQUESTS.into_response(),
-        Some(Ok(Some(counts))) => body::large(permit, Bytes::from(counts), "application/octet-stream"),
+        Some(Ok(Some(counts))) => {
+            ([(header::CONTENT_TYPE, "application/octet-stream")], counts).into_response()
+        }
         Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
         Some(Err(error)) => refused(&error),
     }

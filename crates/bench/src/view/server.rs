@@ -3,10 +3,9 @@
 //! It listens on 127.0.0.1, by default on a free port. Every path starts with a token of 128 random bits,
 //! `Host` must be the loopback address with the server's port (which prevents access by DNS rebinding), and
 //! `Origin`, if present, must be this server. Refused requests get a status from 400 to 499 without a reason.
-//! Connections, headers, bodies and memory for responses are limited; when no connection is left, one that
-//! does nothing is closed ([`super::connections`]), so that idle connections do not keep pages out.
+//! Bodies and memory for responses are limited.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::Ipv4Addr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -16,14 +15,9 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use hyper::server::conn::http1;
-use hyper::service::{Service, service_fn};
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
+use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
 
-use super::connections::{Activity, Connections};
 use super::routes;
 use super::state::App;
 use super::subject::Subject;
@@ -48,17 +42,8 @@ pub struct Served {
     pub title: String,
 }
 
-/// Maximum number of open connections; others wait until one ends or is closed.
-const CONNECTIONS: usize = 128;
-
 /// Maximum length of path and query, bytes.
 const MAX_ADDRESS: usize = 4096;
-
-/// Maximum size of a request's headers, bytes.
-const MAX_HEADERS: usize = 32 * 1024;
-
-/// Time limit for the headers of a request.
-const HEADERS_TIME: Duration = Duration::from_secs(10);
 
 /// Number of worker threads for long jobs.
 const WORKERS: usize = 6;
@@ -114,68 +99,17 @@ pub(super) fn router(app: &Arc<App>) -> Router {
 }
 
 pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
-    let (permits, router) = (Arc::new(Semaphore::new(CONNECTIONS)), router(&app));
-    let mut open = Connections::default();
-    // A connection that waits for another to end looks for one to close this often.
-    const RETRY: Duration = Duration::from_millis(10);
-    loop {
-        let (stream, from) = match listener.accept().await {
-            Ok(accepted) => accepted,
-            // Too many open files, or a connection that was closed at once.
-            Err(_) => {
-                tokio::time::sleep(Duration::from_millis(20)).await;
-                continue;
-            }
-        };
-        if !is_local(from) {
-            continue;
-        }
-        let _ = stream.set_nodelay(true);
-        let permit = loop {
-            if permits.available_permits() == 0 {
-                open.make_room();
-            }
-            let acquired = tokio::time::timeout(RETRY, Arc::clone(&permits).acquire_owned()).await;
-            if let Ok(Ok(permit)) = acquired {
-                break permit;
-            }
-        };
-        let (activity, router) = (Activity::new(), TowerToHyperService::new(router.clone()));
-        let of_connection = activity.clone();
-        let service = service_fn(move |mut request: hyper::Request<_>| {
-            request.extensions_mut().insert(of_connection.clone());
-            router.call(request)
-        });
-        let task = tokio::spawn(async move {
-            let mut http = http1::Builder::new();
-            http.timer(TokioTimer::new()).header_read_timeout(HEADERS_TIME).max_buf_size(MAX_HEADERS);
-            // Errors of one connection do not affect others.
-            let _ = http.serve_connection(TokioIo::new(stream), service).await;
-            drop(permit);
-        });
-        open.add(activity, task.abort_handle());
-    }
-}
-
-fn is_local(from: SocketAddr) -> bool {
-    from.ip().is_loopback()
+    let listener = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
+    // It never returns: errors of single connections are ignored.
+    let _ = axum::serve(listener, router(&app)).await;
 }
 
 /// Passes a request on if it is addressed to this server and has the token.
 async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
-    let answer = match admitted(&app, &request) {
-        Ok(()) => {
-            let activity = request.extensions().get::<Activity>().cloned();
-            activity.iter().for_each(Activity::admitted);
-            let answer = next.run(request).await;
-            match activity {
-                Some(activity) => answer.map(|body| activity.followed(body)),
-                None => answer,
-            }
-        }
+    with_headers(match admitted(&app, &request) {
+        Ok(()) => next.run(request).await,
         Err(status) => status.into_response(),
-    };
-    with_headers(answer)
+    })
 }
 
 fn admitted(app: &App, request: &Request) -> std::result::Result<(), StatusCode> {

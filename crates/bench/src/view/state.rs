@@ -20,9 +20,6 @@ const OPEN_DATASETS: usize = 3;
 /// Maximum number of results in memory.
 const OPEN_RESULTS: usize = 6;
 
-/// Maximum number of concurrent large responses, each of which may contain an image.
-const LARGE_ANSWERS: usize = 4;
-
 /// Maximum number of concurrent jobs.
 const JOBS: usize = 2;
 
@@ -42,8 +39,6 @@ pub(super) struct App {
     results: Cache<(usize, usize), OpenResult>,
     /// Locked while a result is scored: scoring may need much memory.
     scoring: Mutex<()>,
-    /// Limits responses that need much memory.
-    pub(super) large: Arc<Semaphore>,
     jobs: Arc<Semaphore>,
     waiting: AtomicU64,
     /// Cancels the running preview.
@@ -119,7 +114,6 @@ impl App {
             datasets: Cache::at_most(OPEN_DATASETS),
             results: Cache::at_most(OPEN_RESULTS),
             scoring: Mutex::default(),
-            large: Arc::new(Semaphore::new(LARGE_ANSWERS)),
             jobs: Arc::new(Semaphore::new(JOBS)),
             waiting: AtomicU64::new(0),
             preview: Mutex::default(),
