@@ -28,6 +28,8 @@ mod reveal;
 mod splits;
 mod submission;
 mod test_split;
+#[cfg(test)]
+mod tests;
 
 pub use about::Publication;
 pub use deadline::Deadline;

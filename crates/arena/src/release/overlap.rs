@@ -128,3 +128,14 @@ pub(super) fn field(train: &Path, test: &Path) -> Result<bool> {
     let root = |sum: f64| (sum / n).sqrt();
     Ok(n > 0.0 && root(difference) <= (0.1 * root(size)).max(0.05))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matches_are_beyond_chance_from_five_standard_errors() {
+        let is_beyond = |found| Shared { found, by_chance: 4.0, tracks: 50 }.is_beyond_chance();
+        assert!(is_beyond(14.5) && !is_beyond(14.0));
+    }
+}

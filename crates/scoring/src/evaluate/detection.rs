@@ -265,6 +265,10 @@ mod tests {
         // Of single particles half are found: half of the frames are empty.
         let single: Vec<FrameCounts> = (0..40).map(|k| frame(k % 2, 1 - k % 2)).collect();
         assert_eq!(missing_frames(&single), 0);
+        // Of 16 frames with four particles, half of which are found, one is empty by chance, and three are within
+        // three standard deviations.
+        let chance = [vec![frame(3, 1); 6], vec![frame(2, 2); 7], vec![frame(0, 4); 3]].concat();
+        assert_eq!(missing_frames(&chance), 0);
         assert_eq!(missing_frames(&[frame(0, 3), frame(0, 3)]), 0);
     }
 }

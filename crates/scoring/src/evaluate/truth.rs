@@ -454,6 +454,17 @@ mod tests {
     }
 
     #[test]
+    fn a_border_begins_at_the_edge_of_the_first_pixel() {
+        let scored = |x_px: f64, border_px: f64| {
+            let facts = RecordingFacts { sensor_px: Some((20.0, 20.0)), ..RecordingFacts::default() };
+            let (rows, visible) = (vec![row(0, 0, x_px)], vec![true]);
+            TrueParticles { facts, rows, visible, ..TrueParticles::default() }.is_scored(0, border_px)
+        };
+        assert!(scored(4.5, 4.0) && !scored(4.4, 4.0));
+        assert!(scored(16.4, 4.0) && !scored(16.5, 4.0));
+    }
+
+    #[test]
     fn ghosts_outside_the_scored_depths_are_left_out_if_there_are_particles() {
         let at =
             |x_px: f64, z_um: f64| TrackRow { at: Position { x_px, y_px: 10.0, z_um }, ..row(0, -1, x_px) };
