@@ -103,7 +103,6 @@ def score(
     track: str | None = None,
     case: str | None = None,
     site: _Path | None = None,
-    anchors: bool = False,
     seed: int = 0,
     force: bool = False,
 ) -> dict[str, Any]:
@@ -113,16 +112,15 @@ def score(
     :param results: ``RESULTS/TRACKER/TRACK/CASE/results.csv``
     :param out: folder of the scores
     :param site: folder of a site of the leaderboard, to be hosted by copying it
-    :param anchors: also score degenerate results made from the truth, which must rank behind the trackers
     :param seed: seed of the bootstrap
-    :returns: cases with their scores and ranks, as in ``suite.json``
-    :raises ValueError: a result that cannot be read; an anchor in front of a tracker
+    :returns: cases with their scores and ranks, as in ``suite_scores.json``
+    :raises ValueError: a result that cannot be read
     :raises FileExistsError: the folder exists
     :raises OSError: a file cannot be read or written
     """
     options = _selected(Options("suite", "score"), track, case).add("results", Path(results))
     options.add("site", site)
-    options.add("anchors", flag("anchors", anchors)).add("seed", whole("seed", seed, 0, LAST_SEED))
+    options.add("seed", whole("seed", seed, 0, LAST_SEED))
     options.add("force", flag("force", force)).add("out", Path(out))
     result: dict[str, Any] = options.call(suite, datasets)[0]
     return result

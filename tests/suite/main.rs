@@ -1,7 +1,6 @@
 //! End-to-end tests of the workspace, one file per subject: `cargo test -p suite NAME::` runs one of them.
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
-mod anchors;
 mod baselines;
 mod boxes;
 mod camera;

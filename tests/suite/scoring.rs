@@ -15,7 +15,7 @@ use scoring::evaluate::identity::Identity;
 use scoring::evaluate::isbi::Isbi;
 use scoring::evaluate::links::Links;
 use scoring::evaluate::matching::{Cost, Matching, NONE, optimal};
-use scoring::evaluate::statistics::Bootstrap;
+use scoring::evaluate::units::Units;
 use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{Conventions, TrackRow, read_points};
@@ -81,7 +81,7 @@ fn isbi_scores_are_those_of_the_challenges_own_program() {
     let mut problems = Vec::new();
     for record in table("isbi_reference.csv") {
         let (truth, result, gate, name) = case(&record);
-        let ours = Isbi::of(&truth, &result, &gate, &Bootstrap::default()).unwrap();
+        let ours = Isbi::of(&truth, &result, &gate, &Units::single(&truth, &result)).unwrap().0;
         // Documented difference: the reference gives 0 without matches, or NaN without truth; microsig gives
         // null.
         let nothing = ours.tp == 0;
@@ -125,8 +125,8 @@ fn detection_and_links_are_those_of_the_reference() {
     for record in table("detection_links.csv") {
         let (truth, result, gate, name) = case(&record);
         let matching = optimal(&truth, &result, &gate, Cost::Squares).unwrap();
-        let d = Detection::of(&truth, &result, &matching, true, &Bootstrap::default());
-        let l = Links::of(&truth, &result, &matching, &Bootstrap::default());
+        let d = Detection::of(&truth, &result, &matching, true, &Units::single(&truth, &result)).0;
+        let l = Links::of(&truth, &result, &matching, &Units::single(&truth, &result)).0;
         let rmse = d.rmse_xy_px.zip(d.rmse_z_um).map(|(xy, z)| (xy * xy + z * z).sqrt());
         let f = |n: usize| Some(n as f64);
         // The reference's F1 without truth and result is 0; recall without truth is NaN there and null here.
@@ -158,8 +158,8 @@ fn clear_and_identity_are_those_of_motmetrics() {
     for record in table("motmetrics.csv") {
         let (truth, result, gate, name) = case(&record);
         let candidates = Candidates::new(&truth, &result, &gate).unwrap();
-        let c = Clear::of(&truth, &result, &candidates, gate.xy_px, &Bootstrap::default());
-        let i = Identity::of(&truth, &result, &candidates, &Bootstrap::default());
+        let c = Clear::of(&truth, &result, &candidates, gate.xy_px, &Units::single(&truth, &result));
+        let i = Identity::of(&truth, &result, &candidates, &Units::single(&truth, &result));
         let f = |n: usize| Some(n as f64);
         for (key, ours) in [
             // Documented difference: without truth MOTA is minus infinity there and null here.
@@ -198,8 +198,8 @@ fn hota_and_identity_are_those_of_trackeval() {
         // In TrackEval, a pair exactly at the gate matches.
         let gate = gate.with_edge(Edge::Closed);
         let candidates = Candidates::new(&truth, &result, &gate).unwrap();
-        let h = Hota::of(&truth, &result, &candidates, &Bootstrap::default());
-        let i = Identity::of(&truth, &result, &candidates, &Bootstrap::default());
+        let h = Hota::of(&truth, &result, &candidates, &Units::single(&truth, &result)).0;
+        let i = Identity::of(&truth, &result, &candidates, &Units::single(&truth, &result));
         // Documented difference: without matches TrackEval's localization is 1 and its rates are 0; microsig
         // gives null.
         let loca = |v: Option<f64>| v.or(Some(1.0));
@@ -261,8 +261,8 @@ fn nodes_edges_and_tra_are_those_of_traccuracy() {
         let (truth, result, gate, name) = case(&record);
         let theirs = truncated(&truth, &result, &gate);
         same_pairing += usize::from(theirs == optimal(&truth, &result, &gate, Cost::Squares).unwrap());
-        let d = Detection::of(&truth, &result, &theirs, true, &Bootstrap::default());
-        let l = Links::of(&truth, &result, &theirs, &Bootstrap::default());
+        let d = Detection::of(&truth, &result, &theirs, true, &Units::single(&truth, &result)).0;
+        let l = Links::of(&truth, &result, &theirs, &Units::single(&truth, &result)).0;
         let c = Ctc::of(&truth, &result, &theirs);
         let f = |n: usize| Some(n as f64);
         for (key, ours) in [
@@ -308,7 +308,7 @@ fn gdpt_errors_and_curves_are_those_of_defocustracker() {
     let mut problems = Vec::new();
     for (name, theirs) in errors.iter().filter(|(name, _)| name.ends_with("greedy")) {
         let gates = (theirs["outliers_x"], theirs["outliers_z"]);
-        let g = Gdpt::of(&truth, &result, gates, (0.0, 1.0), &Bootstrap::default()).unwrap();
+        let g = Gdpt::of(&truth, &result, gates, (0.0, 1.0), &Units::single(&truth, &result)).unwrap();
         for (key, ours) in [
             ("tp", Some(g.tp as f64)),
             ("fn", Some(g.missed as f64)),

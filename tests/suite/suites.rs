@@ -308,15 +308,15 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     let broken = of("noise_0.5", "broken");
     assert_eq!(broken["reason"], "broken/P2/noise_0.5/results.csv: a folder; expected a regular file");
     assert_eq!(of("noise_2", "field")["status"], "refused");
-    // Four trackers have entered; perfect is the first in one case and has no result in the other.
+    // perfect and spots are each better in one case, in which broken and field have no result.
     let standing = |tracker: &str| {
         scores["standings"].as_array().unwrap().iter().find(|s| s["tracker"] == tracker).unwrap().clone()
     };
     assert_eq!(
-        (standing("perfect")["scored"].as_u64(), standing("perfect")["mean_rank"].as_f64()),
-        (Some(1), Some(2.5))
+        (standing("perfect")["scored"].as_u64(), standing("perfect")["rank"].as_u64()),
+        (Some(1), Some(1))
     );
-    assert_eq!(standing("broken")["mean_rank"], 4.0);
+    assert_eq!((standing("spots")["rank"].as_u64(), standing("broken")["rank"].as_u64()), (Some(1), Some(3)));
 
     let table = std::fs::read_to_string(out.join("suite_scores.csv")).unwrap();
     assert_eq!(table.lines().count(), 1 + 2 * 4, "{table}");

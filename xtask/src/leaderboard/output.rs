@@ -115,8 +115,8 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
     for note in &more.notes {
         write!(text, "\n{note}\n")?;
     }
-    text += "\nEach case is ranked separately; scores of different cases are never averaged. The mean rank is over all cases of the track, \
-             and a case without a result counts with the last rank.\n";
+    text += "\nEach case is ranked separately; scores of different cases are never averaged. Of two trackers, the one that is better in more \
+             cases of the track is ahead, and a case without a result is behind all others.\n";
     let mut tracks: Vec<&str> = scores.cases.iter().map(|case| case.track.as_str()).collect();
     tracks.dedup();
     for track in tracks {
@@ -134,7 +134,7 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
                 ScoreDef::of(metric).title()
             )?;
         }
-        text += "| tracker | mean rank | cases | first in | s per frame, median | made for |\n|---|---|---|---|---|---|\n";
+        text += "| tracker | rank | cases | first in | s per frame, median | made for |\n|---|---|---|---|---|---|\n";
         for s in standings {
             let of_track =
                 |key: &&(String, String)| key.0 == s.tracker && key.1.starts_with(&format!("{track}/"));
@@ -146,9 +146,9 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
             let made_for = more.made_for.get(&s.tracker).unwrap_or(&none);
             writeln!(
                 text,
-                "| {} | {:.2} | {} of {} | {} | {time} | {} |",
+                "| {} | {} | {} of {} | {} | {time} | {} |",
                 s.tracker,
-                s.mean_rank,
+                s.rank,
                 s.scored,
                 s.cases,
                 s.first,

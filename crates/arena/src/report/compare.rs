@@ -107,6 +107,7 @@ pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
         let released = redacted(&score)?;
         let mut shown = Entry::of(entry.name, &released, entry.units);
         (shown.rank, shown.is_tied, shown.tracker) = (entry.rank, entry.is_tied, entry.tracker);
+        (shown.kind, shown.missing) = (entry.kind, entry.missing);
         Ok((shown, released))
     };
     let scores: Vec<(Entry, Score)> = scores.into_iter().map(shown).collect::<Result<_>>()?;

@@ -1,76 +1,98 @@
-//! What participants may see of scores against a withheld truth: averages over many particles, rounded.
+//! What participants may see of scores against a withheld truth: the scores that [`SCORES`] lists as published, rounded, and
+//! a few counts. Nothing else is copied, so that a new score is withheld unless its entry in that list says otherwise.
 //!
-//! The error of a single particle, combined with its submitted position, reveals its true position. Errors
-//! that depend on a single particle (medians, extremes, bins with few particles) are therefore left out.
-//! Averages are rounded to three digits, and to a step that is at least the change that one particle can
-//! cause: the gate divided by the number of matches, or 1 divided by it for rates. With all digits, two
-//! submissions that differ in one row would reveal its true position exactly.
+//! The error of a single particle, combined with its submitted position, reveals its true position. Published scores are
+//! therefore averages over at least 20 particles (true tracks; for fields, squares of 32 px with reference nodes, in any
+//! image pair: many rows for the same particle or node count once). They are rounded to three digits, and to a step that is
+//! at least the change that one of them can cause: the gate divided by their number, or 1 divided by it for rates. With
+//! all digits, two submissions that differ in one row would reveal its true position exactly. Scores of a field's own
+//! vectors, errors of velocity and amplitude responses are not published: a single value of any size would be a weight that
+//! tells its own error.
 //!
-//! Everything that is published passes through [`redacted`]: `for_team`, the scoring program of Codabench
+//! Everything that is published passes through [`published`]: `for_team`, the scoring program of Codabench
 //! (which passes on `for_team/score.json`), the leaderboards of `compare` and of suites.
 
-use serde_json::{Number, Value};
+use serde_json::{Map, Value, json};
 
 use super::files::SCORE;
 use super::{REPORT, page};
-use scoring::evaluate::orientation::Orientation;
 use scoring::evaluate::{Evaluation, Hint, Score};
+use scoring::ranking::{Published, SCORES};
 use storage::OutputFolder;
 use storage::error::{Error, Result};
 
 /// Name of the folder.
 pub(super) const FOLDER: &str = "for_team";
 
-/// Minimum number of particles or vectors over which errors are averaged.
+/// Minimum number of particles or squares over which scores are averaged.
 const FEWEST: usize = 20;
 
 /// Number of significant digits.
 const DIGITS: usize = 3;
 
-/// Prefixes of keys whose value depends on a single particle.
-const OF_ONE: [&str; 5] = ["p50", "p95", "median", "min_distance", "max_distance"];
+/// The counts that are published: those that do not depend on which rows are matched, and missing frames.
+const COUNTS: [&str; 6] =
+    ["frames", "frames_missing", "n_truth", "n_nan", "n_unlinked", "tracks_truth"];
 
-/// Keys that are not results: definitions, counts, edges of bins.
-const EXACT: [&str; 6] = ["definitions", "counts", "from", "to", "z_over_h", "wavelength_px"];
-
-/// Rules among the results. The gate of reference nodes is none of them: it follows from the true field.
-const RULES: [&str; 3] = ["gate_xy_px", "gate_z_um", "plane_um"];
-
-/// Distances in px, as those whose keys end with `_px`.
-const DISTANCES: [&str; 4] = ["rmse", "std_distance", "motp", "interval_motp"];
-
-/// Scores with a gate of their own, `gate_px`, which is a rule.
-const ISBI: [&str; 2] = ["isbi", "isbi_2d"];
-
-/// Writes `score.json`, and `report.html` if asked for, into the folder `for_team`; returns their names.
-pub(super) fn write(folder: &OutputFolder, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
-    let folder = folder.subfolder(FOLDER)?;
-    let mut names = Vec::new();
-    for (name, text) in published(evaluation, html)? {
-        folder.save_bytes(name, text)?;
-        names.push(format!("{FOLDER}/{name}"));
-    }
-    Ok(names)
+/// Writes `score.json` into the folder `for_team`; returns its name.
+pub(super) fn write(folder: &OutputFolder, score: &Score) -> Result<String> {
+    folder.subfolder(FOLDER)?.save_bytes(SCORE, super::json(&published(score)?)?)?;
+    Ok(format!("{FOLDER}/{SCORE}"))
 }
 
-/// Names and contents of the files of an evaluation that may be published: `score.json`, and `report.html` without
-/// true positions if asked for.
+/// Names and contents of the files of an evaluation that may be published: `score.json` and, unless the truth is
+/// withheld, `report.html` without true positions.
 ///
 /// # Errors
 /// A plot that cannot be drawn.
-pub(crate) fn published(evaluation: &Evaluation, html: bool) -> Result<Vec<(&'static str, String)>> {
-    let score = redacted(&evaluation.score)?;
-    let text = serde_json::to_string_pretty(&score).map_err(|e| Error::input(e.to_string()))?;
-    let mut files = vec![(SCORE, text + "\n")];
-    let has_few = evaluation.score.truth_is_secret && averaged(&evaluation.score) < FEWEST;
-    if html && !has_few {
-        let evaluation = Evaluation { score, ..evaluation.clone() };
-        files.push((REPORT, page::page(&evaluation, false)?));
+pub(crate) fn published_files(evaluation: &Evaluation) -> Result<Vec<(&'static str, String)>> {
+    let mut files = vec![(SCORE, super::json(&published(&evaluation.score)?)?)];
+    if !evaluation.score.truth_is_secret {
+        files.push((REPORT, page::page(evaluation, false)?));
     }
     Ok(files)
 }
 
-/// The publishable part of a score: all of it, unless the truth is withheld.
+/// The publishable part of a score as JSON: all of it, unless the truth is withheld.
+fn published(score: &Score) -> Result<Value> {
+    let value = |score: &Score| serde_json::to_value(score).map_err(|e| Error::input(e.to_string()));
+    if !score.truth_is_secret {
+        return value(score);
+    }
+    // The rest of a hint quotes scores, also of a sample; a hint without a question is left out.
+    let hints = score.hints.iter().filter(|hint| !hint.question.is_empty());
+    // Those of a field tell where its truth has holes.
+    let mut warnings: Vec<&str> =
+        score.warnings.iter().filter(|_| score.field.is_none()).map(String::as_str).collect();
+    let n = score.counts.units_found;
+    let why = format!("fewer than {FEWEST} particles or squares of nodes could be compared: scores are withheld");
+    if n < FEWEST {
+        warnings.push(&why);
+    }
+    let counts = serde_json::to_value(&score.counts).map_err(|e| Error::input(e.to_string()))?;
+    let counts: Map<String, Value> = COUNTS.iter().map(|key| ((*key).to_owned(), counts[*key].clone())).collect();
+    let mut all = json!({
+        "dataset": score.dataset,
+        "result": score.result,
+        "counts": counts,
+        "definitions": score.definitions,
+        "assumptions": score.assumptions,
+        "hints": hints.map(|hint| Hint::new(hint.question.clone(), "")).collect::<Vec<_>>(),
+        "warnings": warnings,
+        "truth_is_secret": true,
+    });
+    for def in SCORES.iter().filter(|_| n >= FEWEST) {
+        let (Some(kind), (Some(value), ends)) = (def.published, def.measured(score)) else { continue };
+        let of = |value: f64| rounded(value, step(kind, score, value) / n as f64);
+        let (group, name) = def.path.rsplit_once('.').unwrap_or_default();
+        let group = group.split('.').fold(&mut all, |at, key| &mut at[key]);
+        group[name] = json!(of(value));
+        group[format!("interval_{name}")] = json!(ends.map(|ends| ends.map(of)));
+    }
+    Ok(all)
+}
+
+/// The publishable part of a score; all other scores are undefined.
 ///
 /// # Errors
 /// A score that cannot be serialized; never observed.
@@ -78,189 +100,19 @@ pub(crate) fn redacted(score: &Score) -> Result<Score> {
     if !score.truth_is_secret {
         return Ok(score.clone());
     }
-    let n = averaged(score);
-    let score = &with_questions(score);
-    let kept = if n >= FEWEST { without_details(score) } else { without_scores(score) };
-    let value = serde_json::to_value(&kept).map_err(|e| Error::input(e.to_string()))?;
+    serde_json::from_value(published(score)?).map_err(|e| Error::input(e.to_string()))
+}
+
+/// The largest change of a sum that a single particle or square of nodes can cause.
+fn step(kind: Published, score: &Score, value: f64) -> f64 {
     let gate = score.definitions.gate.map_or((1.0, f64::INFINITY), |gate| (gate.xy_px, gate.z_um));
-    let value = Rounding { n: n.max(FEWEST), links: links(score).max(FEWEST), gate }.of("", value);
-    serde_json::from_value(value).map_err(|e| Error::input(e.to_string()))
-}
-
-/// Number of particles or vectors over which overall errors are averaged.
-fn averaged(score: &Score) -> usize {
-    let of_fields = || score.field.as_ref().map_or(0, |field| field.n_reported);
-    score.detection.as_ref().map_or_else(of_fields, |detection| detection.tp)
-}
-
-/// Number of correct links, over which errors of displacements are averaged.
-fn links(score: &Score) -> usize {
-    score.links.as_ref().map_or(0, |links| links.tp)
-}
-
-/// The score without what a few rows decide. In bins of depth (also of the Cramer-Rao bound, whose efficiency is
-/// the bound over the RMS error of the bin), and by uncertainties that a result claims, one
-/// submission could ask about many particles at once; the mean score of claims (CRPS) is limited to the gate
-/// for each particle, as errors are. The errors of points in one frame give the height of its plane. Errors of
-/// velocity have no upper limit: velocities that are wrong by 1, 2, 4, ... would be weights, and the RMS error
-/// would tell which of many moved rows are matched. HOTA at each threshold is a score at another gate. What is another
-/// score times a known factor would have other digits.
-fn without_details(score: &Score) -> Score {
-    let whole = score.clone();
-    // Each group is named, so that a new one is withheld or published on purpose.
-    let mut score = Score {
-        curves: Vec::new(),
-        gates: Vec::new(),
-        uncertainty: None,
-        crlb: None,
-        planes: None,
-        dataset: whole.dataset,
-        result: whole.result,
-        detection: whole.detection,
-        links: whole.links,
-        isbi: whole.isbi,
-        isbi_2d: whole.isbi_2d,
-        hota: whole.hota,
-        clear: whole.clear,
-        identity: whole.identity,
-        ctc: whole.ctc,
-        gdpt: whole.gdpt,
-        crps: whole.crps,
-        lpt: whole.lpt,
-        boxes: whole.boxes,
-        orientation: whole.orientation,
-        field: whole.field,
-        counts: whole.counts,
-        offset: whole.offset,
-        definitions: whole.definitions,
-        assumptions: whole.assumptions,
-        hints: whole.hints,
-        unknown: whole.unknown,
-        warnings: whole.warnings,
-        truth_is_secret: whole.truth_is_secret,
-    };
-    if let Some(orientation) = score.orientation.as_mut().filter(|orientation| orientation.n < FEWEST) {
-        let Orientation { n_true, n, mean_all_deg, guess_deg, .. } = *orientation;
-        *orientation = Orientation { n_true, n, mean_all_deg, guess_deg, ..Orientation::default() };
-    }
-    if let Some(hota) = &mut score.hota {
-        hota.curve.clear();
-    }
-    let few_links = links(&score) < FEWEST;
-    if let Some(lpt) = &mut score.lpt {
-        if few_links {
-            (lpt.motion, lpt.interval) = Default::default();
-        }
-        let motion = &mut lpt.motion;
-        (motion.velocity_rms_um_s, motion.velocity_rms_relative, motion.velocity_rms_z_um_s) =
-            Default::default();
-        (motion.acceleration_rms_um_s2, motion.acceleration_rms_relative) = Default::default();
-        lpt.interval.velocity_rms_um_s = None;
-    }
-    if let Some(field) = &mut score.field {
-        for errors in field.truths.values_mut().chain([&mut field.main]) {
-            (errors.uncertainty, errors.uncertainty_ratio_u) = Default::default();
-            (errors.coverage_1s_u, errors.coverage_2s_u, errors.coverage_1s_u_inliers) = Default::default();
-            errors.peak_locking.bias_curve_px.clear();
-            errors.aee_per_100px = None;
-            errors.spectra.clear();
-        }
-    }
-    if let Some(gdpt) = &mut score.gdpt {
-        gdpt.curve.clear();
-    }
-    score
-}
-
-/// The score with the questions of its hints only; the rest of a hint quotes scores, also of a sample. A hint
-/// without a question is left out.
-fn with_questions(score: &Score) -> Score {
-    let mut score = score.clone();
-    for hint in std::mem::take(&mut score.hints) {
-        if !hint.question.is_empty() {
-            score.hints.push(Hint::new(hint.question, ""));
-        }
-    }
-    score
-}
-
-/// The score of a result that hardly overlaps with the truth: counts only.
-fn without_scores(score: &Score) -> Score {
-    let mut warnings = score.warnings.clone();
-    let why = format!("fewer than {FEWEST} particles or vectors could be compared: scores are withheld");
-    // A score that was published may be compared.
-    if !warnings.contains(&why) {
-        warnings.push(why);
-    }
-    Score {
-        truth_is_secret: score.truth_is_secret,
-        dataset: score.dataset.clone(),
-        result: score.result.clone(),
-        counts: score.counts.clone(),
-        definitions: score.definitions.clone(),
-        assumptions: score.assumptions.clone(),
-        hints: score.hints.clone(),
-        warnings,
-        ..Score::default()
-    }
-}
-
-/// How averages are rounded.
-#[derive(Clone, Copy)]
-struct Rounding {
-    /// Number of particles or vectors that are averaged.
-    n: usize,
-    /// Number of correct links, over which errors of motion are averaged.
-    links: usize,
-    /// Gate in the image plane, px, and along z, um.
-    gate: (f64, f64),
-}
-
-impl Rounding {
-    /// Rounds a value, with everything it contains, according to its key.
-    fn of(self, key: &str, value: Value) -> Value {
-        if OF_ONE.iter().any(|beginning| key.starts_with(beginning)) {
-            return Value::Null;
-        }
-        match value {
-            Value::Number(number) if number.is_f64() && !RULES.contains(&key) => {
-                let exact = number.as_f64().unwrap_or_default();
-                let step = if EXACT.contains(&key) { 0.0 } else { self.step(key, exact) };
-                Number::from_f64(rounded(exact, step)).map_or(Value::Null, Value::Number)
-            }
-            Value::Array(values) => values.into_iter().map(|value| self.of(key, value)).collect(),
-            Value::Object(fields) if ["definitions", "counts"].contains(&key) => Value::Object(fields),
-            Value::Object(fields) => {
-                let of = |count: &str| fields.get(count).and_then(Value::as_u64).map(|n| n as usize);
-                let own = if key == "lpt" { Some(self.links) } else { of("tp").or_else(|| of("n")) };
-                let own_gate = fields.get("gate_px").filter(|_| ISBI.contains(&key)).cloned();
-                let gate_px = own_gate.as_ref().and_then(Value::as_f64).unwrap_or(self.gate.0);
-                let inner = Rounding {
-                    n: own.map_or(self.n, |n| n.max(FEWEST)),
-                    gate: (gate_px, self.gate.1),
-                    ..self
-                };
-                let rounded = fields.into_iter().map(|(key, value)| match (&own_gate, key.as_str()) {
-                    (Some(gate), "gate_px") => (key, gate.clone()),
-                    _ => (key.clone(), inner.of(&key, value)),
-                });
-                rounded.collect()
-            }
-            other => other,
-        }
-    }
-
-    /// Approximately the largest change of an average that one particle can cause.
-    fn step(self, key: &str, value: f64) -> f64 {
-        let size = match key {
-            key if key.ends_with("_px") || DISTANCES.contains(&key) => self.gate.0,
-            key if key.ends_with("_um") && self.gate.1.is_finite() => self.gate.1,
-            key if key.ends_with("_deg") => 90.0,
-            // The gate is a tenth of the depth range.
-            key if key.ends_with("_over_h") => 0.1,
-            _ => value.abs().max(1.0),
-        };
-        size / self.n as f64
+    match kind {
+        Published::Rate => value.abs().max(1.0),
+        Published::Px => gate.0,
+        Published::Um if gate.1.is_finite() => gate.1,
+        Published::Um => value.abs().max(1.0),
+        Published::DepthShare => 0.1,
+        Published::Degrees => 90.0,
     }
 }
 
@@ -281,173 +133,141 @@ fn rounded(exact: f64, least: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use scoring::evaluate::score_keys::score_keys;
+    use scoring::evaluate::{EvaluateOptions, evaluate_files};
 
     use super::*;
-    use scoring::evaluate::PositionUncertainty;
-    use scoring::evaluate::crlb::Crlb;
-    use scoring::evaluate::crps::Crps;
-    use scoring::evaluate::curves::{Bin, Curve};
-    use scoring::evaluate::hota::Hota;
-    use scoring::evaluate::links::Links;
-    use scoring::evaluate::lpt::Lpt;
-    use scoring::evaluate::motion::Motion;
-    use scoring::evaluate::planes::PlaneScore;
-    use scoring::evaluate::score_keys::{ScoreKey, score_keys};
-    use scoring::evaluate::uncertainty::Uncertainty;
 
-    #[test]
-    fn what_a_few_rows_decide_is_withheld() {
-        let claimed = Uncertainty { n: 400, coverage_1s: Some(0.995), ..Uncertainty::default() };
-        let mean = Crps { n: 500, xy_px: Some(0.123_456), ..Crps::default() };
-        let curve = Curve { against: "z_um".to_owned(), bins: vec![Bin { tp: 400, ..Bin::default() }] };
-        let kept = without_details(&Score {
-            uncertainty: Some(PositionUncertainty { x: Some(claimed), ..PositionUncertainty::default() }),
-            crps: Some(mean),
-            curves: vec![curve],
-            crlb: Some(Crlb { efficiency_axis: Some(0.9), ..Crlb::default() }),
-            planes: Some(PlaneScore { bias_z_um: Some(1.5), ..PlaneScore::default() }),
-            orientation: Some(Orientation {
-                n: 1,
-                mean_deg: Some(39.8),
-                rms_deg: Some(39.8),
-                ..Orientation::default()
-            }),
-            links: Some(Links { tp: 1, ..Links::default() }),
-            lpt: Some(Lpt {
-                motion: Motion { displacement_bias_x_px: Some(0.1502), ..Motion::default() },
-                ..Lpt::default()
-            }),
-            ..Score::default()
-        });
-        assert!(kept.uncertainty.is_none() && kept.curves.is_empty());
-        assert!(kept.crlb.is_none() && kept.planes.is_none());
-        let crps = serde_json::to_value(kept.crps).unwrap();
-        assert_eq!(kept.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
-        assert_eq!(kept.lpt.unwrap().motion, Motion::default());
-        let rounding = Rounding { n: 400, links: 20, gate: (2.0, 10.0) };
-        // A particle changes the mean of 500 by at most 2 px / 500.
-        assert_eq!(rounding.of("crps", crps)["xy_px"], 0.125);
-        assert_eq!(
-            rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.17 }))["displacement_bias_x_px"],
-            0.2
-        );
+    /// Paths of all numbers.
+    fn numbers(path: &str, value: &Value, found: &mut BTreeMap<String, f64>) {
+        match value {
+            Value::Number(number) => found.extend([(path.to_owned(), number.as_f64().unwrap())]),
+            Value::Array(values) => values.iter().for_each(|value| numbers(path, value, found)),
+            Value::Object(fields) => {
+                for (key, value) in fields {
+                    numbers(&format!("{path}.{key}"), value, found);
+                }
+            }
+            _ => {}
+        }
     }
 
-    /// Scores without a unit, which one particle changes by at most its share, or which are withheld: a new one is added on
-    /// purpose.
-    #[test]
-    fn no_distance_is_published_with_the_digits_of_a_share() {
-        let rounding = Rounding { n: 60, links: 60, gate: (2.0, 10.0) };
-        let isbi = json!({ "gate_px": 5.432, "rmse": 0.2778, "std_distance": 0.1234, "interval": { "rmse": [0.2511, 0.3149] } });
-        assert_eq!(
-            rounding.of("isbi_2d", isbi),
-            json!({ "gate_px": 5.432, "rmse": 0.3, "std_distance": 0.1, "interval": { "rmse": [0.3, 0.3] } })
-        );
-        assert_eq!(rounding.of("motp", json!(0.2778)), json!(0.3));
-        let group = |path: &str| path.split(['.', '[']).next().unwrap_or_default().to_owned();
-        let withheld =
-            ["curves", "gates", "uncertainty", "crlb", "planes", "definitions", "counts", "hints", "offset"];
-        let is_share = |key: &ScoreKey| key.range.1.is_some();
-        let mut others: Vec<String> = score_keys()
-            .into_iter()
-            .filter(|key| key.is_float && key.unit().is_empty() && !is_share(key))
-            .filter(|key| !withheld.contains(&group(&key.path).as_str()))
-            .map(|key| key.path.rsplit('.').next().unwrap_or_default().to_owned())
-            .filter(|name| !DISTANCES.contains(&name.as_str()))
-            .collect();
-        others.sort_unstable();
-        others.dedup();
-        let known = [
-            "acceleration_rms_relative",
-            "aogm",
-            "claimed_rms",
-            "divergence_rms",
-            "error_rms",
-            "fragments_per_truth",
-            "ghost",
-            "interval_mota",
-            "interval_response",
-            "max_distance",
-            "mean_length",
-            "mean_repeats",
-            "median_length",
-            "min_distance",
-            "modulation_u",
-            "modulation_v",
-            "mota",
-            "nepe",
-            "ratio",
-            "response",
-            "sigma_z_over_h",
-            "strain_rms",
-            "true_divergence_rms",
-            "true_strain_rms",
-            "true_vorticity_rms",
-            "truths_per_result",
-            "uncertainty_ratio_u",
-            "velocity_rms_relative",
-            "vorticity_rms",
-        ];
-        assert_eq!(others, known);
+    /// A score in which every key outside lists has a value, and `n` units are found.
+    fn complete(n: usize) -> Score {
+        let mut all = serde_json::to_value(Score::default()).unwrap();
+        let single = score_keys().into_iter().filter(|key| key.is_float && !key.path.contains(['[', '*']));
+        for key in single {
+            let is_interval = key.path.rsplit('.').next().unwrap().starts_with("interval_");
+            let value = if is_interval { json!([0.123_456_789, 0.234_567_891]) } else { json!(0.198_765_432) };
+            let mut at = &mut all;
+            key.path.split('.').for_each(|part| at = &mut at[part]);
+            *at = value;
+        }
+        let mut score: Score = serde_json::from_value(all).unwrap();
+        (score.truth_is_secret, score.counts.units_found) = (true, n);
+        score
     }
 
     #[test]
-    fn velocities_and_thresholds_are_no_questions_about_many_rows() {
-        let motion = Motion {
-            velocity_rms_um_s: Some(75_800.0),
-            velocity_rms_relative: Some(233.0),
-            velocity_rms_z_um_s: Some(12.0),
-            displacement_rms_px: Some(0.3),
-            ..Motion::default()
-        };
-        let mut lpt = Lpt { motion, ..Lpt::default() };
-        lpt.interval.velocity_rms_um_s = Some([17_200.0, 124_000.0]);
-        let kept = without_details(&Score {
-            links: Some(Links { tp: 400, ..Links::default() }),
-            lpt: Some(lpt),
-            hota: Some(Hota { hota: Some(0.9), curve: vec![0.9; 19], ..Hota::default() }),
-            ..Score::default()
+    fn no_number_leaves_that_is_not_listed() {
+        let mut exact = BTreeMap::new();
+        let score = complete(400);
+        numbers("", &serde_json::to_value(&score).unwrap(), &mut exact);
+        assert!(exact.len() > 150, "{}", exact.len());
+        let (mut left, mut listed) = (BTreeMap::new(), BTreeSet::new());
+        numbers("", &published(&score).unwrap(), &mut left);
+        for def in SCORES.iter().filter(|def| def.published.is_some()) {
+            let (group, name) = def.path.rsplit_once('.').unwrap();
+            listed.extend([format!(".{}", def.path), format!(".{group}.interval_{name}")]);
+        }
+        listed.extend(COUNTS.map(|count| format!(".counts.{count}")));
+        for (path, value) in &left {
+            assert!(listed.contains(path) || path.starts_with(".definitions."), "{path}");
+            // At most one particle of 400 in 1: three decimals.
+            assert!(path.starts_with(".definitions.") || (value * 1e3).fract().abs() < 1e-9, "{path} {value}");
+        }
+        assert_eq!(left[".detection.f1"], 0.2);
+        assert_eq!(redacted(&score).unwrap().detection.unwrap().jaccard, None);
+        // Few particles: no score at all.
+        let mut left = BTreeMap::new();
+        numbers("", &published(&complete(19)).unwrap(), &mut left);
+        assert!(left.keys().all(|path| path.starts_with(".definitions.") || path.starts_with(".counts.")), "{left:?}");
+    }
+
+    /// Displacements at nodes 16 px apart.
+    fn grid(of: impl Fn(f64, f64) -> [f64; 2]) -> String {
+        let places = (0..32).flat_map(|j| (0..32).map(move |i| [i, j].map(|k| 8.5 + 16.0 * f64::from(k))));
+        rows(places.map(|[x, y]| (x, y, of(x, y))))
+    }
+
+    fn rows(vectors: impl Iterator<Item = (f64, f64, [f64; 2])>) -> String {
+        let row = |(x, y, [u, v]): (f64, f64, [f64; 2])| format!("0,{x},{y},{u},{v}\n");
+        "pair,x_px,y_px,dx_px,dy_px\n".to_owned() + &vectors.map(row).collect::<String>()
+    }
+
+    /// What is published of a result for a withheld truth.
+    fn told(truth: &str, result: &str) -> Value {
+        let place = tempfile::tempdir().unwrap();
+        let files = [("truth.csv", truth), ("result.csv", result)].map(|(name, text)| {
+            let file = place.path().join(name);
+            std::fs::write(&file, text).unwrap();
+            file
         });
-        let (lpt, hota) = (kept.lpt.unwrap(), kept.hota.unwrap());
-        assert_eq!(lpt.motion, Motion { displacement_rms_px: Some(0.3), ..Motion::default() });
-        assert_eq!((lpt.interval.velocity_rms_um_s, hota.hota), (None, Some(0.9)));
-        assert!(hota.curve.is_empty());
+        let result = storage::InputFile::from(files[1].clone());
+        let mut score = evaluate_files(&files[0], result, &EvaluateOptions::default()).unwrap().score;
+        score.truth_is_secret = true;
+        score.definitions.truth_sha256 = None;
+        published(&score).unwrap()
+    }
+
+    #[test]
+    fn copies_of_a_vector_do_not_tell_its_truth() {
+        let flow = |x: f64, y: f64| [1.3311 + 0.01 * x, -1.4784 + 0.01 * y];
+        let (here, other) = (grid(flow), grid(|x, y| flow(x, y).map(|d| 0.9 * d)));
+        for [x, y] in [[264.5, 264.5], [200.5, 296.5], [133.0, 77.0]] {
+            for (step, moved) in [(0.0, 0.0), (1e-6, 0.0), (1e-6, 1e9), (0.03, 0.0)] {
+                let copies = rows((0..1000).map(|k| (x + step * f64::from(k), y, [moved; 2])));
+                let of_both = [&here, &other].map(|truth| told(truth, &copies));
+                assert_eq!(of_both[0], of_both[1], "{x} {y} {step} {moved}");
+                assert!(of_both[0]["field"].is_null() && of_both[0]["warnings"][0].is_string());
+            }
+        }
+        // A complete field has scores at the nodes of the truth only. A huge vector among them would be a weight.
+        let whole = |huge: f64| told(&here, &grid(|x, y| if (x, y) == (264.5, 264.5) { [huge, 0.0] } else { [3.0, 0.0] }));
+        let all = whole(3.0);
+        assert!(all["field"]["nodes"]["rms_px"].is_f64(), "{all:#}");
+        let mut left = BTreeMap::new();
+        numbers("", &all["field"], &mut left);
+        assert!(left.keys().all(|path| path.starts_with(".nodes.")), "{left:?}");
+        assert_eq!(all, whole(1e9));
     }
 
     #[test]
     fn hints_ask_without_scores() {
         let hint =
             Hint { f1: Some(0.91), ..Hint::new("origin mismatch?", "F1 would be 0.91 instead of 0.25") };
+        let unasked = Hint { question: String::new(), ..hint.clone() };
         let warnings = vec!["fewer rows".to_owned()];
-        let asked = with_questions(&Score { hints: vec![hint.clone()], warnings, ..Score::default() });
-        assert_eq!(asked.warnings, ["fewer rows"]);
+        let score = Score { hints: vec![hint, unasked], warnings, truth_is_secret: true, ..Score::default() };
+        let asked = redacted(&score).unwrap();
+        assert_eq!(asked.warnings[0], "fewer rows");
         assert_eq!(asked.hints, [Hint::new("origin mismatch?", "")]);
-        let read = serde_json::from_value(serde_json::to_value(&hint).unwrap()).unwrap();
-        assert_eq!(with_questions(&Score { hints: vec![read], ..Score::default() }).hints, asked.hints);
-        let unasked = Hint { question: String::new(), ..hint };
-        let asked = with_questions(&Score { hints: vec![unasked], ..Score::default() });
-        assert!(asked.hints.is_empty());
     }
 
     #[test]
     fn one_particle_changes_no_digit_for_certain() {
-        // One particle of 400 changes a bias by at most 2 px / 400 = 0.005 px.
-        let rounding = Rounding { n: 400, links: 30, gate: (2.0, 10.0) };
-        let of = |key: &str, value: f64| rounding.of(key, value.into()).as_f64().unwrap();
-        assert_eq!(of("bias_x_px", 0.012_345), 0.01);
-        assert_eq!(of("bias_z_um", -0.987_654), -1.0);
-        assert_eq!(of("f1", 0.912_345), 0.91);
-        assert_eq!(of("mota", -1234.56), -1230.0);
-        assert!(rounding.of("p95_xy_px", 1.5.into()).is_null());
-        assert_eq!(of("from", 0.123_456), 0.123);
-        assert_eq!((of("gate_z_um", 4.0251), of("gate_px", 0.6184)), (4.0251, 0.62));
-        for (exact, least, expected) in
-            [(0.0, 0.1, 0.0), (0.26, 0.03, 0.25), (123.4, 30.0, 100.0), (-0.004, 0.01, 0.0), (5.0, 1e-9, 5.0)]
-        {
+        for (exact, least, expected) in [
+            (0.0, 0.1, 0.0),
+            (0.26, 0.03, 0.25),
+            (123.4, 30.0, 100.0),
+            (-0.004, 0.01, 0.0),
+            (5.0, 1e-9, 5.0),
+            (0.012_345, 0.005, 0.01),
+            (-1234.56, 3.1, -1230.0),
+        ] {
             assert_eq!(rounded(exact, least), expected, "{exact} {least}");
         }
-        let bins = serde_json::json!({ "tp": 20, "bias_x_px": 0.04 });
-        assert_eq!(rounding.of("", bins)["bias_x_px"], 0.0);
     }
 }

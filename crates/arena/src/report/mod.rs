@@ -20,7 +20,8 @@ mod tiles;
 
 use std::path::{Path, PathBuf};
 
-use scoring::evaluate::{Evaluation, Score, UnitScores};
+use scoring::evaluate::{Evaluation, UnitScores};
+use serde::Serialize;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{OutputFolder, outside_datasets};
@@ -31,7 +32,7 @@ pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 use files::UNITS;
 pub use fit_page::fit_page;
-pub(crate) use for_team::{published, redacted};
+pub(crate) use for_team::{published_files, redacted};
 pub use leaderboard::Entry;
 pub(crate) use log_axis::is_logarithmic;
 pub(crate) use page::document;
@@ -104,7 +105,7 @@ pub(crate) fn write_into(folder: &OutputFolder, evaluation: &Evaluation, html: b
     }
     let mut names: Vec<String> = names.into_iter().map(str::to_owned).collect();
     if evaluation.score.truth_is_secret {
-        names.extend(for_team::write(folder, evaluation, html)?);
+        names.push(for_team::write(folder, &evaluation.score)?);
     }
     Ok(names)
 }
@@ -121,7 +122,7 @@ pub fn units_json(units: &UnitScores) -> Result<String> {
 ///
 /// # Errors
 /// A score that cannot be serialized; never observed.
-pub fn json(score: &Score) -> Result<String> {
+pub fn json(score: &impl Serialize) -> Result<String> {
     let text = serde_json::to_string_pretty(score).map_err(|e| Error::input(e.to_string()))?;
     Ok(text + "\n")
 }

@@ -112,7 +112,7 @@ mod tests {
         let problems = |score: &Value| parse(&score.to_string()).err().unwrap_or_default();
         let score = |f1: Value, interval: Value| {
             json!({ "definitions": { "versions": { "microsig": "1" } },
-                "detection": { "f1": f1, "interval": { "f1": interval } } })
+                "detection": { "f1": f1, "interval_f1": interval } })
         };
         assert_eq!(problems(&score(json!(0.5), json!([0.4, 0.6]))), Vec::<String>::new());
         assert_eq!(problems(&score(Value::Null, Value::Null)), Vec::<String>::new());
@@ -121,7 +121,7 @@ mod tests {
         for (score, expected) in [
             (score(json!(2), Value::Null), "detection.f1 = 2: expected from 0 to 1, or null"),
             (score(json!("0.5"), Value::Null), "detection.f1 = \"0.5\": expected"),
-            (score(json!(0.5), json!([0.6, 0.4])), "detection.interval.f1 = [0.6,0.4]: expected [low, high]"),
+            (score(json!(0.5), json!([0.6, 0.4])), "detection.interval_f1 = [0.6,0.4]: expected [low, high]"),
             (json!({ "detection": { "f1": 1 } }), "definitions.versions.microsig is missing"),
             (json!({ "definitions": { "versions": { "microsig": "1" } } }), "neither detection nor field"),
         ] {

@@ -132,10 +132,10 @@ fn particles(out: &mut String, score: &Score) {
     }
     line(out, "detection", &format!("tp {}  fn {}  fp {}  Jaccard {}", d.tp, d.missed, d.fp, n(d.jaccard)));
     for (name, value, between) in [
-        ("precision", d.precision, d.interval.precision),
-        ("recall   ", d.recall, d.interval.recall),
-        ("F1       ", d.f1, d.interval.f1),
-        ("RMSE xy  ", d.rmse_xy_px, d.interval.rmse_xy_px),
+        ("precision", d.precision, d.interval_precision),
+        ("recall   ", d.recall, d.interval_recall),
+        ("F1       ", d.f1, d.interval_f1),
+        ("RMSE xy  ", d.rmse_xy_px, d.interval_rmse_xy_px),
     ] {
         let unit = if name.starts_with("RMSE") { " px" } else { "" };
         let _ = writeln!(out, "             {name} {}{unit}{}", n(value), interval(between));
@@ -172,7 +172,7 @@ fn particles(out: &mut String, score: &Score) {
             n(g.sigma_y_px),
             n(g.sigma_z_um),
             n(g.sigma_z_over_h),
-            interval(g.interval.sigma_z_over_h),
+            interval(g.interval_sigma_z_over_h),
             n(g.rate_outlier),
             g.gate_xy_px,
             g.gate_z_um
@@ -224,7 +224,7 @@ fn tracks(out: &mut String, score: &Score) {
         let text = format!(
             "alpha {}{}  beta {}  JSC {}  JSC_theta {}  RMSE {} px",
             n(i.alpha),
-            interval(i.interval.alpha),
+            interval(i.interval_alpha),
             n(i.beta),
             n(i.jsc),
             n(i.jsc_theta),

@@ -1,10 +1,9 @@
 //! Scores of trackers on a suite: one table of all cases, ranked case by case.
 //!
 //! Results are in `RESULTS/TRACKER/TRACK/CASE/results.csv`; each is scored by `evaluate` against the test
-//! split of its case. Scores of different cases are never averaged: the standing in a track is the mean of
-//! the ranks in its cases, in which a missing or refused result has the last rank.
+//! split of its case. Scores of different cases are never averaged: of two trackers, the one that is better in more
+//! cases of a track is ahead in its standing; a missing or refused result is behind all others.
 
-mod anchors;
 mod metrics;
 mod page;
 mod participants;
@@ -16,7 +15,6 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-pub use anchors::AnchorResult;
 pub use metrics::MetricValue;
 pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
@@ -24,8 +22,8 @@ use crate::report;
 use dataset::manifest::GENERATOR_VERSION;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
-use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, evaluate_files};
-use scoring::ranking::{Contestant, ScoreDef, rank, ranks_fields};
+use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, UnitScores, evaluate_files};
+use scoring::ranking::{Contestant, Pairs, ScoreDef, pairs, ranks_fields};
 use site::Site;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
@@ -79,9 +77,9 @@ pub struct CaseScores {
     pub rank_by: Vec<Metric>,
     /// The results, best first; missing ones last.
     pub results: Vec<CaseResult>,
-    /// Degenerate results (`--anchors`), which are not ranked among the trackers.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub anchors: Vec<AnchorResult>,
+    /// Number of independent units of the truth, which the comparisons resample: true tracks, or squares of nodes.
+    #[serde(default)]
+    pub units: usize,
 }
 
 /// Value of an axis of a case.
@@ -116,8 +114,11 @@ pub struct CaseResult {
     pub status: Status,
     /// Why it is refused.
     pub reason: Option<String>,
-    /// Rank from 1, shared by results that the intervals do not separate; null without scores.
+    /// 1 + the number of results that are better, directly or through others; null without scores.
     pub rank: Option<usize>,
+    /// Trackers whose results are significantly better.
+    #[serde(default)]
+    pub behind: Vec<String>,
     /// Its scores: those that rank first, then all others that are defined.
     pub scores: Vec<MetricValue>,
     /// Number of frames or image pairs that it leaves out.
@@ -140,9 +141,9 @@ pub struct Standing {
     pub scored: usize,
     /// Cases whose result is refused.
     pub refused: usize,
-    /// Mean rank over all cases of the track; a case without scores counts with the last rank, the number of
-    /// trackers that have entered the track.
-    pub mean_rank: f64,
+    /// 1 + the number of trackers that are ahead, directly or through others. Of two trackers, the one that is better in
+    /// more cases is ahead.
+    pub rank: usize,
     /// Number of cases in which no tracker is better.
     pub first: usize,
 }
@@ -162,8 +163,6 @@ pub struct ScoreOptions {
     pub selection: SuiteSelection,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// Also score degenerate results.
-    pub anchors: bool,
 }
 
 /// A result and its evaluation.
@@ -210,7 +209,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
         version: record.version,
         size: record.size,
         microsig: GENERATOR_VERSION.to_owned(),
-        standings: standings(suite, &all),
+        standings: standings(&suite.spec.tracks.iter().map(|track| &*track.name).collect::<Vec<_>>(), &all),
         cases: all,
         warning: partial.warning().map(str::to_owned),
     };
@@ -228,18 +227,6 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
 }
 
 impl SuiteScores {
-    /// The anchors that do not rank behind the trackers as they should, one line each.
-    pub fn misplaced_anchors(&self) -> Vec<String> {
-        let all = self.cases.iter().flat_map(|case| case.anchors.iter().map(move |anchor| (case, anchor)));
-        let misplaced = all.filter(|(_, anchor)| !anchor.not_behind.is_empty());
-        misplaced
-            .map(|(case, anchor)| {
-                let (place, name) = (format!("{}/{}", case.track, case.case), &anchor.result.tracker);
-                format!("{place}: the anchor {name} does not rank behind {}", anchor.not_behind.join(", "))
-            })
-            .collect()
-    }
-
     /// The standings and all cases as text.
     pub fn text(&self) -> String {
         table::text(self)
@@ -365,16 +352,12 @@ fn scored_case(
         .iter()
         .map(|(_, evaluation)| Contestant { score: &evaluation.score, units: Some(&evaluation.units) })
         .collect();
-    let order = rank(&contestants, &case.rank_by, options.seed);
-    for (i, place) in &order {
-        results.push(CaseResult { rank: Some(*place), ..scored[*i].0.clone() });
-    }
-    let mut anchors = Vec::new();
-    if options.anchors {
-        let ranked: Vec<(&CaseResult, &Evaluation)> =
-            order.iter().map(|(i, _)| (&scored[*i].0, &scored[*i].1)).collect();
-        let file = |tracker: &str| options.results.join(tracker).join(case.folder()).join(RESULT);
-        anchors = anchors::of_case(case, datasets, &rules, &ranked, &file)?;
+    let units = contestants.iter().filter_map(|of| of.units).map(UnitScores::n_units).max().unwrap_or(0);
+    let better = pairs(&contestants, &case.rank_by, options.seed);
+    for (i, rank) in better.ranks() {
+        let ahead = (0..scored.len()).filter(|j| better.is_better(*j, i));
+        let behind = ahead.map(|j| scored[j].0.tracker.clone()).collect();
+        results.push(CaseResult { rank: Some(rank), behind, ..scored[i].0.clone() });
     }
     results.extend(others);
     let axes = case.axes.iter().cloned();
@@ -386,7 +369,7 @@ fn scored_case(
         axes: axes.map(|a| CaseAxis { label: a.label, shown: a.shown, number: a.number }).collect(),
         rank_by: case.rank_by.clone(),
         results,
-        anchors,
+        units,
     })
 }
 
@@ -401,6 +384,7 @@ fn result(
         status,
         reason,
         rank: None,
+        behind: Vec::new(),
         scores: Vec::new(),
         missing: 0,
         warnings: Vec::new(),
@@ -420,8 +404,8 @@ fn result(
     scores.extend(others.map(|metric| MetricValue::of(metric, score)).filter(|value| value.value.is_some()));
     // Fields have no scores of particles, and vice versa.
     let ranks_fields = ranks_fields(&case.rank_by);
-    if score.field.is_some() != ranks_fields {
-        let kind = if score.field.is_some() { "a displacement field" } else { "particles" };
+    if evaluation.score.field.is_some() != ranks_fields {
+        let kind = if evaluation.score.field.is_some() { "a displacement field" } else { "particles" };
         return none(
             Status::Refused,
             Some(format!("{kind}; track {} ranks results of another kind", case.track)),
@@ -429,44 +413,114 @@ fn result(
     }
     CaseResult {
         scores,
-        missing: score.missing(),
+        missing: evaluation.score.missing(),
         warnings: score.caveats().map(str::to_owned).collect(),
         ..none(Status::Scored, None)
     }
 }
 
 /// The standing of every tracker in every track, best first.
-fn standings(suite: &Suite, cases: &[CaseScores]) -> Vec<Standing> {
+fn standings(tracks: &[&str], cases: &[CaseScores]) -> Vec<Standing> {
     let mut all = Vec::new();
-    for track in &suite.spec.tracks {
-        let of_track: Vec<&CaseScores> = cases.iter().filter(|case| case.track == track.name).collect();
+    for track in tracks {
+        let of_track: Vec<&CaseScores> = cases.iter().filter(|case| case.track == *track).collect();
         let mut trackers: Vec<&String> =
             of_track.iter().flat_map(|case| case.results.iter().map(|result| &result.tracker)).collect();
         trackers.sort();
         trackers.dedup();
-        let last = trackers.len();
+        // 1 for a case in which the first is better, -1 for one in which the second is.
+        let difference = |case: &&CaseScores, a: &String, b: &String| {
+            let of = |tracker: &String| case.results.iter().find(|result| result.tracker == *tracker);
+            let is_behind = |one: Option<&CaseResult>, other: Option<&CaseResult>| {
+                let is_scored = |of: Option<&CaseResult>| of.is_some_and(|of| of.status == Status::Scored);
+                let other_name = other.map_or("", |other| &other.tracker);
+                is_scored(other)
+                    && (!is_scored(one) || one.is_some_and(|one| one.behind.iter().any(|of| of == other_name)))
+            };
+            i32::from(is_behind(of(b), of(a))) - i32::from(is_behind(of(a), of(b)))
+        };
+        let better = Pairs::new(trackers.len(), |a, b| {
+            of_track.iter().map(|case| difference(case, trackers[b], trackers[a])).sum::<i32>().cmp(&0)
+        });
+        let mut ranks = vec![0; trackers.len()];
+        better.ranks().into_iter().for_each(|(i, rank)| ranks[i] = rank);
         let mut standings: Vec<Standing> = trackers
             .iter()
-            .map(|tracker| {
+            .zip(ranks)
+            .map(|(tracker, rank)| {
                 let own: Vec<&CaseResult> = of_track
                     .iter()
                     .flat_map(|case| case.results.iter().filter(|r| r.tracker == **tracker))
                     .collect();
                 let count = |status| own.iter().filter(|result| result.status == status).count();
-                let ranks = own.iter().map(|result| result.rank.unwrap_or(last) as f64);
                 Standing {
-                    track: track.name.clone(),
+                    track: (*track).to_owned(),
                     tracker: (*tracker).clone(),
                     cases: of_track.len(),
                     scored: count(Status::Scored),
                     refused: count(Status::Refused),
-                    mean_rank: ranks.sum::<f64>() / own.len().max(1) as f64,
+                    rank,
                     first: own.iter().filter(|result| result.rank == Some(1)).count(),
                 }
             })
             .collect();
-        standings.sort_by(|a, b| a.mean_rank.total_cmp(&b.mean_rank).then_with(|| a.tracker.cmp(&b.tracker)));
+        standings.sort_by(|a, b| a.rank.cmp(&b.rank).then_with(|| a.tracker.cmp(&b.tracker)));
         all.extend(standings);
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cases with (tracker, those it is behind); `-` for a result that is missing.
+    fn standing(cases: &[&[(&str, &[&str])]]) -> Vec<(String, usize)> {
+        let of = |(tracker, behind): &(&str, &[&str])| CaseResult {
+            tracker: (*tracker).to_owned(),
+            status: if *behind == ["-"] { Status::Missing } else { Status::Scored },
+            behind: behind.iter().map(|name| (*name).to_owned()).collect(),
+            reason: None,
+            rank: None,
+            scores: Vec::new(),
+            missing: 0,
+            warnings: Vec::new(),
+        };
+        let cases: Vec<CaseScores> = cases
+            .iter()
+            .map(|results| CaseScores {
+                track: "T".to_owned(),
+                ladder: String::new(),
+                case: String::new(),
+                dataset: String::new(),
+                axes: Vec::new(),
+                rank_by: vec![Metric::F1],
+                results: results.iter().map(of).collect(),
+                units: 0,
+            })
+            .collect();
+        standings(&["T"], &cases).into_iter().map(|s| (s.tracker, s.rank)).collect()
+    }
+
+    #[test]
+    fn the_order_of_two_trackers_does_not_depend_on_others() {
+        let rank = |of: &[(String, usize)], name: &str| of.iter().find(|(tracker, _)| tracker == name).unwrap().1;
+        // Each is better in one case.
+        let two = standing(&[&[("A", &[]), ("B", &["A"])], &[("A", &["B"]), ("B", &[])]]);
+        assert_eq!((rank(&two, "A"), rank(&two, "B")), (1, 1));
+        // Copies of A, and a folder without results.
+        let more = standing(&[
+            &[("A", &[]), ("A2", &[]), ("A3", &[]), ("B", &["A", "A2", "A3"]), ("none", &["-"])],
+            &[("A", &["B"]), ("A2", &["B"]), ("A3", &["B"]), ("B", &[]), ("none", &["-"])],
+        ]);
+        assert_eq!((rank(&more, "A"), rank(&more, "B"), rank(&more, "none")), (1, 1, 5));
+        // A missing case counts as behind the others, as often with more folders without results.
+        let missing = standing(&[&[("A", &[]), ("B", &["-"])], &[("A", &[]), ("B", &[])]]);
+        assert_eq!((rank(&missing, "A"), rank(&missing, "B")), (1, 2));
+        let missing = standing(&[
+            &[("A", &[]), ("B", &["-"]), ("x", &["-"]), ("y", &["-"])],
+            &[("A", &[]), ("B", &[]), ("x", &["-"]), ("y", &["-"])],
+        ]);
+        assert_eq!((rank(&missing, "A"), rank(&missing, "B")), (1, 2));
+    }
 }

@@ -88,11 +88,11 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
     let body = html! {
         h1 { (title) }
         p.soft { "Scored by microsig " (scores.microsig) ". Each case is ranked separately, by the scores in the order of the \
-        columns: a result ranks behind another if their difference on the particles or nodes of the case is significant \
-        (at 95 %; intervals in brackets are those of each score alone); where one score does not separate two results, the next one decides. \
-        Results of equal rank are not separated by any score. \
-        Scores of different cases are never averaged. The standing in a track is the mean rank over its cases; a case \
-        without a result counts with the last rank. Errors cover found particles only: read them together with recall or F1." }
+        columns: of two results, the first score whose difference on the particles or nodes of the case is significant decides. \
+        All scores of a case are tested together: two results of equal skill are separated in at most 5 % of all cases (intervals in \
+        brackets are 95 % and those of each score alone). The rank is 1 plus the number of results that are better. \
+        Scores of different cases are never averaged. In the standing of a track, of two trackers the one that is better in more cases is ahead; a case \
+        without a result is behind all others. The standing is no test: it counts cases. Errors cover found particles only: read them together with recall or F1." }
         @if more.is_site { (contents()) }
         @for note in &more.notes { p { (with_code(note)) } }
         @for part in &parts { (part) }
@@ -127,9 +127,9 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
         @if standings.is_empty() { p { "No tracker has entered this track." } }
         @else {
             div.scroll { table.board {
-                tr { th { "tracker" } th { "mean rank" } th { "cases" } th { "first" } th { "s per frame, median" } th style="text-align: left" { "made for" } }
+                tr { th { "tracker" } th { "rank" } th { "cases" } th { "first" } th { "s per frame, median" } th style="text-align: left" { "made for" } }
                 @for s in &standings { tr {
-                    td { (more.name(&s.tracker)) } td { (format!("{:.2}", s.mean_rank)) }
+                    td { (more.name(&s.tracker)) } td { (s.rank) }
                     td { (s.scored) " of " (s.cases) @if s.refused > 0 { ", " (s.refused) " refused" } }
                     td { (s.first) } td { (time(&s.tracker, &cases, more)) }
                     td style="text-align: left; white-space: normal; max-width: 30rem" {
@@ -192,7 +192,7 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
     let columns = case.rank_by.len() + others.len() + 1;
     html! {
         details {
-            summary { b { (case.case) } " " span.soft { (axes.join(", ")) } }
+            summary { b { (case.case) } " " span.soft { (axes.join(", ")) @if case.units > 0 { "; " (case.units) " independent units" } } }
             div.scroll { table.board {
                 tr {
                     th { "rank" } th { "tracker" }
@@ -209,14 +209,6 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                         td { (more.seconds_per_frame.get(&key(result)).map_or_else(|| "-".to_owned(), |t| format!("{t:.3}"))) }
                     } @else { td colspan=(columns) style="text-align: left" { (why(result)) } }
                 } }
-            } }
-            @if !case.anchors.is_empty() { p.soft {
-                "Degenerate results and the rank that each would have: "
-                (case.anchors.iter().map(|a| {
-                    let rank = a.result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
-                    let from = a.made_from.as_ref().map(|of| format!(" (from {of})")).unwrap_or_default();
-                    format!("{}{from} {rank}", a.result.tracker)
-                }).collect::<Vec<_>>().join(", ")) "."
             } }
             @if !flat.is_empty() { p.soft { "Not entered because they do not measure depth: " (flat.join(", ")) "." } }
         }

@@ -64,7 +64,7 @@ impl Site {
     pub(super) fn add(&mut self, result: &str, evaluation: &Evaluation) -> Result<()> {
         let below = format!("{SCORES}/{result}");
         let folder = self.partial.folder().subfolder(&below)?;
-        for (name, text) in report::published(evaluation, true)? {
+        for (name, text) in report::published_files(evaluation)? {
             folder.save_bytes(name, text)?;
             self.reports.extend((name == report::REPORT).then(|| format!("{below}/{name}")));
         }
@@ -164,15 +164,15 @@ fn of_track(track: &TrackSpec, scores: &SuiteScores) -> Markup {
 fn ranks() -> Markup {
     html! {
         ul {
-            li { "Each case is ranked separately, by the first score of its track; where this score does not separate two results, the next one \
-                decides. Results that no score separates share a rank." }
-            li { "A result is behind another if it is significantly worse (95 %) in a paired test on the same true tracks, particles or nodes, in \
-                1000 bootstrap resamples that are the same for all results." }
+            li { "Each case is ranked separately. Two results are compared by all scores of the track together, in paired tests on the same true \
+                tracks or nodes, in 1000 bootstrap resamples that are the same for all results; of two results of equal skill, at most 5 % are \
+                separated. The first score that separates them decides." }
+            li { "The rank is 1 plus the number of results that are better, so the order of two results does not depend on others." }
             li { "For errors of found particles, the test counts the particles that one result locates more accurately by more than a tenth of the \
                 median error, so leaving out the worst particles gains nothing." }
             li { "A result for which a score is undefined is behind all results for which it is defined." }
-            li { "The standing in a track is the mean rank over its cases. A case without a result, or with one that cannot be scored, counts with \
-                the last rank. Scores of different cases are never averaged." }
+            li { "Of two trackers, the one that is better in more cases of a track is ahead in its standing; a case without a result, or with one \
+                that cannot be scored, is behind all others. Scores of different cases are never averaged. A team enters one tracker." }
         }
     }
 }

@@ -67,17 +67,17 @@ pub(super) fn text(scores: &SuiteScores) -> String {
         }
         // Writing to a string cannot fail.
         let _ =
-            writeln!(text, "\n{track}: {:<20} {:>9}  {:>6}  {:>5}", "tracker", "mean rank", "cases", "first");
+            writeln!(text, "\n{track}: {:<20} {:>4}  {:>6}  {:>5}", "tracker", "rank", "cases", "first");
         for s in standings {
             let space = " ".repeat(track.len() + 2);
             let cases = format!("{}/{}", s.scored, s.cases);
             let _ =
-                writeln!(text, "{space}{:<20} {:>9.2}  {cases:>6}  {:>5}", s.tracker, s.mean_rank, s.first);
+                writeln!(text, "{space}{:<20} {:>4}  {cases:>6}  {:>5}", s.tracker, s.rank, s.first);
         }
         for case in scores.cases.iter().filter(|case| case.track == track) {
             let names: Vec<String> =
                 case.rank_by.iter().map(|metric| ScoreDef::of(*metric).title()).collect();
-            let _ = writeln!(text, "  {} ({})", case.case, names.join(", "));
+            let _ = writeln!(text, "  {} ({}; {} independent units)", case.case, names.join(", "), case.units);
             for result in &case.results {
                 let rank = result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
                 let values = case.rank_by.iter().map(|metric| {
@@ -95,11 +95,6 @@ pub(super) fn text(scores: &SuiteScores) -> String {
                     Status::Refused => format!("refused: {}", result.reason.as_deref().unwrap_or_default()),
                 };
                 let _ = writeln!(text, "    {rank:>2}  {:<20} {values}", result.tracker);
-            }
-            for anchor in &case.anchors {
-                let rank = anchor.result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
-                let from = anchor.made_from.as_ref().map(|of| format!(" (from {of})")).unwrap_or_default();
-                let _ = writeln!(text, "    anchor {}{from}: would be {rank}", anchor.result.tracker);
             }
         }
     }

@@ -171,8 +171,6 @@ pub enum Metric {
     ValidVectorProbability,
     /// RMS error of displacement of inliers, from `field.u_inliers.rms_px` and `field.v_inliers.rms_px`.
     RmsInliersPx,
-    /// `field.modulation_u`: amplitude response along x, ranked by its distance from 1.
-    ModulationU,
     /// `field.nodes.valid`: share of the reference nodes at which the error is below half of the RMS of the
     /// true displacement about its mean, at most 1 px.
     ValidNodes,

@@ -9,10 +9,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::assignment::{Pair, max_cardinality_min_cost};
-use super::candidates::Candidates;
+use super::candidates::{CandidatePair, Candidates};
 use super::matching::NONE;
-use super::statistics::{Bootstrap, Interval, ratio};
+use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
+use super::units::Units;
 
 /// CLEAR MOT (Bernardin and Stiefelhagen, EURASIP J. Image Video Process., 2008), as motmetrics 1.4 computes
 /// it.
@@ -40,9 +41,9 @@ pub struct Clear {
     pub partially_tracked: usize,
     /// Number of true tracks matched in less than 20 % of their points.
     pub mostly_lost: usize,
-    /// 95 % bootstrap interval of MOTA, resampling frames.
+    /// 95 % bootstrap interval of MOTA, resampling true tracks.
     pub interval_mota: Interval,
-    /// 95 % bootstrap interval of MOTP, resampling frames.
+    /// 95 % bootstrap interval of MOTP, resampling true tracks.
     #[schemars(inner(range(min = 0.0)))]
     pub interval_motp: Interval,
 }
@@ -54,11 +55,11 @@ impl Clear {
         result: &TrackSet,
         candidates: &Candidates,
         xy_px: f64,
-        bootstrap: &Bootstrap,
+        units: &Units,
     ) -> Self {
-        let Followed { frames, hit, mut score, .. } = follow(truth, result, candidates, xy_px);
+        let Followed { hits, mut score, .. } = follow(truth, result, candidates);
         for track in 0..truth.n_tracks() {
-            let hits: Vec<bool> = truth.track(track).iter().map(|&i| hit[i as usize]).collect();
+            let hits: Vec<bool> = truth.track(track).iter().map(|&i| hits[i as usize].is_some()).collect();
             let n = hits.iter().filter(|h| **h).count();
             match n as f64 / hits.len() as f64 {
                 share if share >= 0.8 => score.mostly_tracked += 1,
@@ -71,11 +72,20 @@ impl Clear {
         let scores = |&[errors, n, found, distance]: &[f64; 4]| {
             [ratio(errors, n).map(|share| 1.0 - share), ratio(distance, found)]
         };
-        let units = bootstrap.by_frame(frames.into_iter());
-        let mut sums = [0.0; 4];
-        units.iter().for_each(|u| sums.iter_mut().zip(u).for_each(|(s, u)| *s += u));
-        [score.mota, score.motp] = scores(&sums);
-        [score.interval_mota, score.interval_motp] = bootstrap.intervals(&units, scores);
+        // Errors, true points, matches and the sum of their distances, px.
+        let mut is_ghost = vec![true; result.len()];
+        hits.iter().flatten().for_each(|hit| is_ghost[hit.result as usize] = false);
+        let of_truth = hits.iter().enumerate().map(|(i, hit)| {
+            let sums = hit.as_ref().map_or([1.0, 1.0, 0.0, 0.0], |hit| {
+                [f64::from(u8::from(hit.is_switch)), 1.0, 1.0, hit.distance * xy_px]
+            });
+            (units.of_truth(i), sums)
+        });
+        let ghosts = (0..result.len()).filter(|&j| is_ghost[j]);
+        let sums = units.sums(of_truth.chain(ghosts.map(|j| (units.of_result(j), [1.0, 0.0, 0.0, 0.0]))));
+        let total = sums.iter().fold([0.0; 4], |t: [f64; 4], u| std::array::from_fn(|k| t[k] + u[k]));
+        [score.mota, score.motp] = scores(&total);
+        [score.interval_mota, score.interval_motp] = units.intervals(&sums, scores);
         score
     }
 }
@@ -83,65 +93,66 @@ impl Clear {
 /// Result points that are matched to a true track which another result track had before: the identity
 /// switches.
 pub fn switches(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<u32> {
-    follow(truth, result, candidates, 1.0).switches
+    let hits = follow(truth, result, candidates).hits;
+    hits.into_iter().flatten().filter(|hit| hit.is_switch).map(|hit| hit.result).collect()
 }
 
 /// True tracks followed through the frames.
 struct Followed {
     /// Counts of matches, misses, false positives and switches.
     score: Clear,
-    /// Which true points are matched.
-    hit: Vec<bool>,
-    /// Result points at which a track is switched.
-    switches: Vec<u32>,
-    /// Of each frame: errors, true points, matches and the sum of their distances, px.
-    frames: Vec<(u32, [f64; 4])>,
+    /// The match of every true point.
+    hits: Vec<Option<Hit>>,
 }
 
-fn follow(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, xy_px: f64) -> Followed {
+/// A match of a true point.
+#[derive(Clone)]
+struct Hit {
+    /// Index of the result point.
+    result: u32,
+    /// Distance in units of the gate.
+    distance: f64,
+    is_switch: bool,
+}
+
+fn follow(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Followed {
     let mut score = Clear::default();
     let mut last = vec![NONE; truth.n_tracks()];
-    let mut hit = vec![false; truth.len()];
-    let (mut frames, mut switched) = (Vec::with_capacity(candidates.frames.len()), Vec::new());
-    for (frame, t, r, pairs) in &candidates.frames {
+    let mut hits = vec![None; truth.len()];
+    for (_, t, r, pairs) in &candidates.frames {
         let near: Vec<_> = candidates.pairs[pairs.clone()].iter().filter(|p| candidates.admits(p)).collect();
         let mut taken = vec![false; r.len()];
         let mut rest = Vec::new();
-        let (mut found, mut switches, mut distance) = (0, 0, 0.0);
+        let mut found = 0;
         for p in &near {
             let (track, partner) = candidates.tracks(truth, result, p);
             if last[track as usize] == partner && !taken[p.result as usize - r.start] {
                 taken[p.result as usize - r.start] = true;
-                hit[p.truth as usize] = true;
-                distance += p.squared.sqrt();
+                hits[p.truth as usize] =
+                    Some(Hit { result: p.result, distance: p.squared.sqrt(), is_switch: false });
                 score.matches += 1;
                 found += 1;
             }
         }
-        for p in near.iter().filter(|p| !hit[p.truth as usize] && !taken[p.result as usize - r.start]) {
+        let is_free = |p: &&&CandidatePair| {
+            hits[p.truth as usize].is_none() && !taken[p.result as usize - r.start]
+        };
+        for p in near.iter().filter(is_free) {
             let (row, column) = (p.truth - t.start as u32, p.result - r.start as u32);
             rest.push(Pair { row, column, value: p.squared.sqrt() });
         }
         for p in max_cardinality_min_cost(t.len(), r.len(), rest) {
             let (i, j) = (t.start + p.row as usize, r.start + p.column as usize);
             let (track, partner) = (truth.points[i].track as usize, result.points[j].track);
-            let switch = last[track] != NONE && last[track] != partner;
-            if switch {
-                switched.push(j as u32);
-            }
-            switches += usize::from(switch);
-            score.matches += usize::from(!switch);
+            let is_switch = last[track] != NONE && last[track] != partner;
+            score.id_switches += usize::from(is_switch);
+            score.matches += usize::from(!is_switch);
             last[track] = partner;
-            hit[i] = true;
-            distance += p.value;
+            hits[i] = Some(Hit { result: j as u32, distance: p.value, is_switch });
             found += 1;
         }
-        let (misses, ghosts) = (t.len() - found, r.len() - found);
-        score.id_switches += switches;
-        score.misses += misses;
-        score.false_positives += ghosts;
-        let sums = [misses + ghosts + switches, t.len(), found].map(|n| n as f64);
-        frames.push((*frame, [sums[0], sums[1], sums[2], distance * xy_px]));
+        score.misses += t.len() - found;
+        score.false_positives += r.len() - found;
     }
-    Followed { score, hit, switches: switched, frames }
+    Followed { score, hits }
 }

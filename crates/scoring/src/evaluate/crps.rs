@@ -21,9 +21,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::detection::error;
-use super::matching::{Matching, NONE};
-use super::statistics::{Bootstrap, Interval, ratio};
+use super::matching::Matching;
+use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
+use super::units::{Matched, Units};
 
 /// Continuous ranked probability score of positions with claimed uncertainties.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -47,9 +48,6 @@ pub struct Crps {
     pub interval_z_um: Interval,
 }
 
-/// What a true particle counts in the means of x and y, px, and of z, um.
-pub(super) type Counted = [f64; 2];
-
 /// The score of an error with claimed standard uncertainty; without a positive one, |error|.
 pub fn crps(error: f64, claimed: f64) -> f64 {
     if !(claimed > 0.0 && claimed.is_finite()) {
@@ -61,7 +59,8 @@ pub fn crps(error: f64, claimed: f64) -> f64 {
 }
 
 impl Crps {
-    /// The score of a matched result, and what each true particle counts. `sigma` are the claims of the rows
+    /// The score of a matched result, and the sums over units of true particles and ghosts, and of their scores of
+    /// x and y (px) and of z (um). `sigma` are the claims of the rows
     /// of the result, empty if it has none; `ambiguous` marks the true particles with a ghost within their gate;
     /// `gates` are those of x and y, px, and of z, um, `None` without depth.
     pub(super) fn of(
@@ -69,26 +68,26 @@ impl Crps {
         sigma: &[[f64; 3]],
         (matching, ambiguous): (&Matching, &[bool]),
         gates: (f64, Option<f64>),
-        bootstrap: &Bootstrap,
-    ) -> (Self, Vec<Counted>) {
+        units: &Units,
+    ) -> (Self, Vec<[f64; 3]>) {
         let unfound = [gates.0, gates.1.unwrap_or(0.0)];
-        let mut counted = vec![unfound; truth.len()];
-        for (i, j) in matching.pairs().filter(|(i, _)| !ambiguous[*i]) {
-            let errors = error(truth, result, (i, j));
-            let claims = sigma.get(result.points[j].source as usize).copied().unwrap_or([f64::NAN; 3]);
-            let [x, y, z] = std::array::from_fn(|k| crps(errors[k], claims[k]).min(unfound[k / 2]));
-            counted[i] = [0.5 * (x + y), z];
-        }
-        let of_truth =
-            truth.points.iter().zip(&counted).map(|(point, [xy, z])| (point.frame, [1.0, *xy, *z]));
-        let ghosts = (0..result.len()).filter(|&j| matching.of_result[j] == NONE);
-        let of_ghosts = ghosts.map(|j| (result.points[j].frame, [1.0, unfound[0], unfound[1]]));
-        let units = bootstrap.by_frame(of_truth.chain(of_ghosts));
+        let sums = units.sums(units.matched(matching).map(|(unit, point)| {
+            let [xy, z] = match point {
+                Matched::Pair(i, j) if !ambiguous[i] => {
+                    let errors = error(truth, result, (i, j));
+                    let claims = sigma.get(result.points[j].source as usize).copied().unwrap_or([f64::NAN; 3]);
+                    let [x, y, z] = std::array::from_fn(|k| crps(errors[k], claims[k]).min(unfound[k / 2]));
+                    [0.5 * (x + y), z]
+                }
+                _ => unfound,
+            };
+            (unit, [1.0, xy, z])
+        }));
         let means = |s: &[f64; 3]| [ratio(s[1], s[0]), gates.1.and_then(|_| ratio(s[2], s[0]))];
-        let total = units.iter().fold([0.0; 3], |t: [f64; 3], u| std::array::from_fn(|k| t[k] + u[k]));
-        let [interval_xy_px, interval_z_um] = bootstrap.intervals(&units, means);
+        let total = sums.iter().fold([0.0; 3], |t: [f64; 3], u| std::array::from_fn(|k| t[k] + u[k]));
+        let [interval_xy_px, interval_z_um] = units.intervals(&sums, means);
         let [xy_px, z_um] = means(&total);
-        (Crps { n: total[0] as usize, xy_px, z_um, interval_xy_px, interval_z_um }, counted)
+        (Crps { n: total[0] as usize, xy_px, z_um, interval_xy_px, interval_z_um }, sums)
     }
 }
 

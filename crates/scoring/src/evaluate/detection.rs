@@ -3,9 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::matching::Matching;
-use super::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
+use super::matching::{Matching, NONE};
+use super::statistics::{Errors, Interval, quantile, ratio};
 use super::track_set::TrackSet;
+use super::units::{Matched, Units};
 
 /// Detection and localization over all frames; matched pairs by assignment A1.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -63,36 +64,28 @@ pub struct Detection {
     /// 95 % quantile of the distance of matched pairs in the image plane.
     #[schemars(range(min = 0.0))]
     pub p95_xy_px: Option<f64>,
-    /// 95 % bootstrap intervals, resampling frames (image pairs in pair recordings).
-    pub interval: DetectionIntervals,
-}
-
-/// 95 % bootstrap intervals of detection scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct DetectionIntervals {
-    /// Interval of precision.
+    /// 95 % bootstrap interval of precision, resampling true tracks.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub precision: Interval,
-    /// Interval of recall.
+    pub interval_precision: Interval,
+    /// 95 % bootstrap interval of recall.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub recall: Interval,
-    /// Interval of F1.
+    pub interval_recall: Interval,
+    /// 95 % bootstrap interval of F1.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub f1: Interval,
-    /// Interval of the Jaccard index.
+    pub interval_f1: Interval,
+    /// 95 % bootstrap interval of the Jaccard index.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub jaccard: Interval,
-    /// Interval of rmse_xy_px.
+    pub interval_jaccard: Interval,
+    /// 95 % bootstrap interval of rmse_xy_px.
     #[schemars(inner(range(min = 0.0)))]
-    pub rmse_xy_px: Interval,
-    /// Interval of rmse_z_um.
+    pub interval_rmse_xy_px: Interval,
+    /// 95 % bootstrap interval of rmse_z_um.
     #[schemars(inner(range(min = 0.0)))]
-    pub rmse_z_um: Interval,
-    /// Interval of bias_x_px.
-    pub bias_x_px: Interval,
-    /// Interval of bias_y_px.
-    pub bias_y_px: Interval,
+    pub interval_rmse_z_um: Interval,
+    /// 95 % bootstrap interval of bias_x_px.
+    pub interval_bias_x_px: Interval,
+    /// 95 % bootstrap interval of bias_y_px.
+    pub interval_bias_y_px: Interval,
 }
 
 /// Precision, recall, F1 and Jaccard index from counts of TP, FN and FP; `None` where docs/scoring.md leaves
@@ -133,7 +126,7 @@ pub fn per_frame(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Ve
         .map(|(frame, t, r)| {
             let mut row = FrameCounts { frame, ..FrameCounts::default() };
             let (n, m) = (t.len(), r.len());
-            for i in t.filter(|&i| matching.of_truth[i] != super::matching::NONE) {
+            for i in t.filter(|&i| matching.of_truth[i] != NONE) {
                 let [dx, dy, dz] = error(truth, result, (i, matching.of_truth[i] as usize));
                 row.counts[0] += 1;
                 row.axes.iter_mut().zip([dx, dy, dz]).for_each(|(s, d)| *s += d * d);
@@ -179,14 +172,15 @@ pub fn missing_frames(frames: &[FrameCounts]) -> usize {
 }
 
 impl Detection {
-    /// Scores a matching; `depth`: whether z is scored.
+    /// Scores a matching; `depth`: whether z is scored. Also gives the sums over units: TP, FN, FP, squared
+    /// errors in the image plane (px^2) and along z (um^2), errors of x and y (px).
     pub fn of(
         truth: &TrackSet,
         result: &TrackSet,
         matching: &Matching,
         depth: bool,
-        bootstrap: &Bootstrap,
-    ) -> Self {
+        units: &Units,
+    ) -> (Self, Vec<[f64; 7]>) {
         let pairs: Vec<(usize, usize)> = matching.pairs().collect();
         let (tp, missed, fp) = (pairs.len(), truth.len() - pairs.len(), result.len() - pairs.len());
         let [precision, recall, f1, jaccard] = rates(tp as f64, missed as f64, fp as f64);
@@ -196,18 +190,25 @@ impl Detection {
         let mut distances: Vec<f64> = errors.iter().map(|e| (e[0] * e[0] + e[1] * e[1]).sqrt()).collect();
         distances.sort_unstable_by(f64::total_cmp);
 
-        let units = bootstrap.by_frame(per_frame(truth, result, matching).iter().map(|f| {
-            let [tp, missed, fp] = f.counts.map(|n| n as f64);
-            (f.frame, [tp, missed, fp, f.axes[0] + f.axes[1], f.axes[2], f.sums[0], f.sums[1]])
+        let sums = units.sums(units.matched(matching).map(|(unit, point)| {
+            let sums = match point {
+                Matched::Pair(i, j) => {
+                    let [dx, dy, dz] = error(truth, result, (i, j));
+                    [1.0, 0.0, 0.0, dx * dx + dy * dy, dz * dz, dx, dy]
+                }
+                Matched::Missed(_) => [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                Matched::Ghost => [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+            };
+            (unit, sums)
         }));
         let root = |s: f64, n: f64| ratio(s, n).map(f64::sqrt);
-        let [i_precision, i_recall, i_f1, i_jaccard, i_xy, i_z, i_bias_x, i_bias_y] =
-            bootstrap.intervals(&units, |&[tp, missed, fp, xy, z, dx, dy]| {
+        let [interval_precision, interval_recall, interval_f1, interval_jaccard, interval_rmse_xy_px, interval_rmse_z_um, interval_bias_x_px, interval_bias_y_px] =
+            units.intervals(&sums, |&[tp, missed, fp, xy, z, dx, dy]| {
                 let [precision, recall, f1, jaccard] = rates(tp, missed, fp);
                 let z = root(z, tp).filter(|_| depth);
                 [precision, recall, f1, jaccard, root(xy, tp), z, ratio(dx, tp), ratio(dy, tp)]
             });
-        Detection {
+        let score = Detection {
             tp,
             missed,
             fp,
@@ -227,17 +228,16 @@ impl Detection {
             random_z_um: z.random,
             p50_xy_px: quantile(&distances, 0.5),
             p95_xy_px: quantile(&distances, 0.95),
-            interval: DetectionIntervals {
-                precision: i_precision,
-                recall: i_recall,
-                f1: i_f1,
-                jaccard: i_jaccard,
-                rmse_xy_px: i_xy,
-                rmse_z_um: i_z,
-                bias_x_px: i_bias_x,
-                bias_y_px: i_bias_y,
-            },
-        }
+            interval_precision,
+            interval_recall,
+            interval_f1,
+            interval_jaccard,
+            interval_rmse_xy_px,
+            interval_rmse_z_um,
+            interval_bias_x_px,
+            interval_bias_y_px,
+        };
+        (score, sums)
     }
 }
 

@@ -9,11 +9,12 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::detection::{error, per_frame};
+use super::detection::error;
 use super::gate::{Edge, Gate, Shape};
 use super::matching::{NONE, greedy};
-use super::statistics::{Bootstrap, Errors, Interval, ratio};
+use super::statistics::{Errors, Interval, ratio};
 use super::track_set::TrackSet;
+use super::units::{Matched, Units};
 use storage::error::Result;
 
 /// Number of nodes of the local curves.
@@ -64,34 +65,26 @@ pub struct Gdpt {
     /// Fraction of particles with |dz| > h / 10 among those matched in the image plane only.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub rate_outlier: Option<f64>,
-    /// 95 % bootstrap intervals, resampling frames.
-    pub interval: GdptIntervals,
+    /// 95 % bootstrap interval of phi, resampling true tracks.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub interval_phi: Interval,
+    /// 95 % bootstrap interval of precision.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub interval_precision: Interval,
+    /// 95 % bootstrap interval of sigma_x_px.
+    #[schemars(inner(range(min = 0.0)))]
+    pub interval_sigma_x_px: Interval,
+    /// 95 % bootstrap interval of sigma_y_px.
+    #[schemars(inner(range(min = 0.0)))]
+    pub interval_sigma_y_px: Interval,
+    /// 95 % bootstrap interval of sigma_z_um.
+    #[schemars(inner(range(min = 0.0)))]
+    pub interval_sigma_z_um: Interval,
+    /// 95 % bootstrap interval of sigma_z_over_h.
+    #[schemars(inner(range(min = 0.0)))]
+    pub interval_sigma_z_over_h: Interval,
     /// Local scores at 21 depths Z = (z - z_0) / h, in windows of +- 1/20.
     pub curve: Vec<DepthNode>,
-}
-
-/// 95 % bootstrap intervals of GDPT scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct GdptIntervals {
-    /// Interval of phi.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub phi: Interval,
-    /// Interval of precision.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub precision: Interval,
-    /// Interval of sigma_x_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub sigma_x_px: Interval,
-    /// Interval of sigma_y_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub sigma_y_px: Interval,
-    /// Interval of sigma_z_um.
-    #[schemars(inner(range(min = 0.0)))]
-    pub sigma_z_um: Interval,
-    /// Interval of sigma_z_over_h.
-    #[schemars(inner(range(min = 0.0)))]
-    pub sigma_z_over_h: Interval,
 }
 
 /// Local scores at one depth.
@@ -133,7 +126,7 @@ impl Gdpt {
         result: &TrackSet,
         (xy_px, z_um): (f64, f64),
         range: (f64, f64),
-        bootstrap: &Bootstrap,
+        units: &Units,
     ) -> Result<Self> {
         let gate = Gate { shape: Shape::Box, xy_px, z_um, edge: Edge::Closed };
         let matching = greedy(truth, result, &gate)?;
@@ -146,13 +139,19 @@ impl Gdpt {
         let (x, y, z) = (axis(0), axis(1), axis(2));
         let tp = errors.len();
 
-        let units = bootstrap.by_frame(per_frame(truth, result, &matching).iter().map(|f| {
-            let [tp, missed, fp] = f.counts.map(|n| n as f64);
-            let [x, y, z] = f.axes;
-            (f.frame, [tp, tp + missed, tp + fp, x, y, z])
+        let sums = units.sums(units.matched(&matching).map(|(unit, point)| {
+            let sums = match point {
+                Matched::Pair(i, j) => {
+                    let [x, y, z] = error(truth, result, (i, j)).map(|e| e * e);
+                    [1.0, 1.0, 1.0, x, y, z]
+                }
+                Matched::Missed(_) => [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+                Matched::Ghost => [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+            };
+            (unit, sums)
         }));
-        let [phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h] =
-            bootstrap.intervals(&units, |&[tp, n, m, x, y, z]| {
+        let [interval_phi, interval_precision, interval_sigma_x_px, interval_sigma_y_px, interval_sigma_z_um, interval_sigma_z_over_h] =
+            units.intervals(&sums, |&[tp, n, m, x, y, z]| {
                 let [x, y, z] = [x, y, z].map(|s| ratio(s, tp).map(f64::sqrt));
                 [ratio(tp, n), ratio(tp, m), x, y, z, z.map(|z| z / h)]
             });
@@ -202,7 +201,12 @@ impl Gdpt {
             bias_y_px: y.bias,
             bias_z_um: z.bias,
             rate_outlier: ratio(wrong as f64, flat.pairs().count() as f64),
-            interval: GdptIntervals { phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h },
+            interval_phi,
+            interval_precision,
+            interval_sigma_x_px,
+            interval_sigma_y_px,
+            interval_sigma_z_um,
+            interval_sigma_z_over_h,
             curve,
         })
     }

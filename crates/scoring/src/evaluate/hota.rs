@@ -10,8 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::assignment::{Pair, max_weight_matching};
 use super::candidates::{CandidatePair, Candidates};
-use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
+use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
+use super::units::Units;
 
 /// Higher order tracking accuracy (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it; values are
 /// means over 19 thresholds.
@@ -51,7 +52,7 @@ pub struct Hota {
     /// HOTA at the thresholds 0.05, 0.10, ..., 0.95.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub curve: Vec<f64>,
-    /// 95 % bootstrap interval of HOTA, resampling tracks.
+    /// 95 % bootstrap interval of HOTA, resampling true tracks.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_hota: Interval,
     /// 95 % bootstrap interval of DetA.
@@ -127,8 +128,9 @@ fn agreement(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Ve
         .collect()
 }
 
-/// The matches of all frames, which maximize the sum of agreement times similarity: [`key`] and similarity.
-fn matched(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<(u64, f64)> {
+/// The matches of all frames, which maximize the sum of agreement times similarity: [`key`], similarity and
+/// index of the result point.
+fn matched(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<(u64, f64, u32)> {
     let agreement = agreement(truth, result, candidates);
     let key = |p: &CandidatePair| key(truth, result, candidates, p);
     let weight = |p: &CandidatePair| {
@@ -138,7 +140,7 @@ fn matched(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<
     let weights: Vec<f64> = candidates.pairs.iter().map(weight).collect();
     drop(agreement);
 
-    let mut matched: Vec<(u64, f64)> = Vec::new();
+    let mut matched: Vec<(u64, f64, u32)> = Vec::new();
     for (_, t, r, pairs) in &candidates.frames {
         let near = &candidates.pairs[pairs.clone()];
         let candidates = near.iter().zip(&weights[pairs.clone()]).map(|(p, value)| Pair {
@@ -149,39 +151,38 @@ fn matched(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<
         for chosen in max_weight_matching(t.len(), r.len(), candidates.collect()) {
             let (i, j) = (t.start as u32 + chosen.row, r.start as u32 + chosen.column);
             let p = &near[near.partition_point(|p| (p.truth, p.result) < (i, j))];
-            matched.push((key(p), similarity(p.squared)));
+            matched.push((key(p), similarity(p.squared), j));
         }
     }
     matched
 }
 
 impl Hota {
-    /// Scores the candidate pairs within twice the gate.
-    pub fn of(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, bootstrap: &Bootstrap) -> Self {
-        Hota::with_tracks(truth, result, candidates, bootstrap).0
-    }
-
-    /// As [`Hota::of`], with the sums of every true track: its points and those of the result matched to it,
-    /// then matches and association of each threshold.
-    pub(super) fn with_tracks(
+    /// Scores the candidate pairs within twice the gate. Also gives the sums over units: points of truth and result, then
+    /// matches and association at each threshold.
+    pub fn of(
         truth: &TrackSet,
         result: &TrackSet,
         candidates: &Candidates,
-        bootstrap: &Bootstrap,
+        units: &Units,
     ) -> (Self, Vec<[f64; SUMS]>) {
-        if truth.is_empty() && result.is_empty() {
-            return (Hota::default(), Vec::new());
-        }
         let lengths = |key: u64| lengths(truth, result, key);
         let mut matched = matched(truth, result, candidates);
         matched.sort_by_key(|m| m.0);
-
         let same_pairs = || matched.chunk_by(|a, b| a.0 == b.0);
-        let shared = same_pairs().map(|same| ((same[0].0 >> 32) as u32, same[0].0 as u32, same.len()));
-        let mut units = TrackUnits::<SUMS>::new(truth.n_tracks(), result.n_tracks(), shared.clone());
-        (0..truth.n_tracks()).for_each(|t| units.of_truth(t)[0] += truth.track(t).len() as f64);
-        (0..result.n_tracks()).for_each(|r| units.of_result(r)[0] += result.track(r).len() as f64);
+        let unit_of = |key: u64| units.of_track((key >> 32) as usize);
 
+        let mut of_result: Vec<u32> = (0..result.len()).map(|j| units.of_result(j)).collect();
+        matched.iter().for_each(|m| of_result[m.2 as usize] = unit_of(m.0));
+        let points = (0..truth.len()).map(|i| units.of_truth(i)).chain(of_result);
+        let mut of_units = units.sums(points.map(|unit| {
+            let mut sums = [0.0; SUMS];
+            sums[0] = 1.0;
+            (unit, sums)
+        }));
+        if truth.is_empty() && result.is_empty() {
+            return (Hota::default(), of_units);
+        }
         let (n, m) = (truth.len() as f64, result.len() as f64);
         let mut sums = [0.0; 7];
         let (mut curve, mut loca_0) = (Vec::with_capacity(THRESHOLDS), None);
@@ -196,7 +197,7 @@ impl Hota {
                 tp += c;
                 total += s;
                 let of_pairs = c * c / (n + m - c);
-                let unit = units.of_truth((same[0].0 >> 32) as usize);
+                let unit = &mut of_units[unit_of(same[0].0) as usize];
                 unit[1 + 2 * k] += c;
                 unit[2 + 2 * k] += of_pairs;
                 assa += of_pairs;
@@ -218,15 +219,7 @@ impl Hota {
             let values = [deta, per_tp(assa), detre, detpr, per_tp(assre), per_tp(asspr), loca];
             sums.iter_mut().zip(values).for_each(|(s, v)| *s += v);
         }
-        let mut of_tracks: Vec<[f64; SUMS]> =
-            (0..truth.n_tracks()).map(|track| *units.of_truth(track)).collect();
-        for (track, sums) in of_tracks.iter_mut().enumerate() {
-            sums[0] = truth.track(track).len() as f64;
-        }
-        for (track, _, n) in shared {
-            of_tracks[track as usize][0] += n as f64;
-        }
-        let [interval_hota, interval_deta, interval_assa] = bootstrap.intervals(&units.finish(), means);
+        let [interval_hota, interval_deta, interval_assa] = units.intervals(&of_units, means);
         let mean = |k: usize| Some(sums[k] / THRESHOLDS as f64);
         let score = Hota {
             hota: Some(curve.iter().sum::<f64>() / THRESHOLDS as f64),
@@ -244,6 +237,6 @@ impl Hota {
             interval_deta,
             interval_assa,
         };
-        (score, of_tracks)
+        (score, of_units)
     }
 }

@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::assignment::{Pair, max_weight_matching};
 use super::candidates::Candidates;
-use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
+use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
+use super::units::Units;
 
 /// Identity scores (Ristani et al., ECCV workshops, 2016): the best one-to-one pairing of whole tracks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -31,14 +32,14 @@ pub struct Identity {
     pub idfp: usize,
     /// False negatives: true points - IDTP.
     pub idfn: usize,
-    /// 95 % bootstrap interval of IDF1, resampling tracks.
+    /// 95 % bootstrap interval of IDF1, resampling true tracks.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_idf1: Interval,
 }
 
 impl Identity {
     /// Scores the pairs within the gate.
-    pub fn of(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, bootstrap: &Bootstrap) -> Self {
+    pub fn of(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, units: &Units) -> Self {
         let mut tracks: Vec<(u32, u32)> =
             candidates.admitted().map(|p| candidates.tracks(truth, result, p)).collect();
         tracks.sort_unstable();
@@ -46,17 +47,17 @@ impl Identity {
             .chunk_by(|a, b| a == b)
             .map(|same| Pair { row: same[0].0, column: same[0].1, value: same.len() as f64 })
             .collect();
-        let best = max_weight_matching(truth.n_tracks(), result.n_tracks(), pairs.clone());
+        let best = max_weight_matching(truth.n_tracks(), result.n_tracks(), pairs);
         let idtp = best.iter().map(|p| p.value).sum::<f64>();
         // A result track belongs to the true track that it is paired with, even if it follows another one
         // equally long.
-        let paired = best.iter().map(|p| (p.row, p.column, usize::MAX));
-        let shared = paired.chain(pairs.iter().map(|p| (p.row, p.column, p.value as usize)));
-        let mut units = TrackUnits::<2>::new(truth.n_tracks(), result.n_tracks(), shared);
-        (0..truth.n_tracks()).for_each(|t| units.of_truth(t)[1] += truth.track(t).len() as f64);
-        (0..result.n_tracks()).for_each(|r| units.of_result(r)[1] += result.track(r).len() as f64);
-        best.iter().for_each(|p| units.of_truth(p.row as usize)[0] += p.value);
-        let [interval_idf1] = bootstrap.intervals(&units.finish(), |&[idtp, both]| [ratio(2.0 * idtp, both)]);
+        let mut partner = vec![None; result.n_tracks()];
+        best.iter().for_each(|p| partner[p.column as usize] = Some(units.of_track(p.row as usize)));
+        let of_result = |j: usize| partner[result.points[j].track as usize].unwrap_or(units.of_result(j));
+        let found = best.iter().map(|p| (units.of_track(p.row as usize), [p.value, 0.0]));
+        let points = (0..truth.len()).map(|i| units.of_truth(i)).chain((0..result.len()).map(of_result));
+        let sums = units.sums(found.chain(points.map(|unit| (unit, [0.0, 1.0]))));
+        let [interval_idf1] = units.intervals(&sums, |&[idtp, both]| [ratio(2.0 * idtp, both)]);
         let (n, m) = (truth.len() as f64, result.len() as f64);
         Identity {
             idf1: ratio(2.0 * idtp, n + m),

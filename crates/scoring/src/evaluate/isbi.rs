@@ -17,8 +17,9 @@ use super::assignment::{Pair, max_weight_matching};
 use super::gate::Gate;
 use super::matching::check_pair_count;
 use super::neighbors::neighbor_pairs;
-use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
+use super::statistics::{Interval, ratio};
 use super::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
+use super::units::Units;
 use storage::error::Result;
 
 /// ISBI Particle Tracking Challenge (Chenouard et al., Nat. Methods 11, 281, 2014, Suppl. Note 3); assignment
@@ -68,48 +69,35 @@ pub struct Isbi {
     pub fn_tracks: usize,
     /// Number of result tracks without a partner.
     pub fp_tracks: usize,
-    /// 95 % bootstrap intervals, resampling tracks.
-    pub interval: IsbiIntervals,
-}
-
-/// 95 % bootstrap intervals of ISBI scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct IsbiIntervals {
-    /// Interval of alpha.
+    /// 95 % bootstrap interval of alpha, resampling true tracks.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub alpha: Interval,
-    /// Interval of beta.
+    pub interval_alpha: Interval,
+    /// 95 % bootstrap interval of beta.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub beta: Interval,
-    /// Interval of JSC.
+    pub interval_beta: Interval,
+    /// 95 % bootstrap interval of JSC.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub jsc: Interval,
-    /// Interval of JSC_theta.
+    pub interval_jsc: Interval,
+    /// 95 % bootstrap interval of JSC_theta.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub jsc_theta: Interval,
-    /// Interval of RMSE.
+    pub interval_jsc_theta: Interval,
+    /// 95 % bootstrap interval of RMSE.
     #[schemars(inner(range(min = 0.0)))]
-    pub rmse: Interval,
+    pub interval_rmse: Interval,
 }
 
 impl Isbi {
-    /// Scores a result; the gate is radial (2-D) or an ellipsoid (3-D).
+    /// Scores a result; the gate is radial (2-D) or an ellipsoid (3-D). Also gives the sums over units of gain, length of
+    /// true tracks and length of unpaired result tracks, all in frames.
     ///
     /// # Errors
     /// A gate so wide that a frame has too many pairs.
-    pub fn of(truth: &TrackSet, result: &TrackSet, gate: &Gate, bootstrap: &Bootstrap) -> Result<Self> {
-        Ok(Isbi::with_tracks(truth, result, gate, bootstrap)?.0)
-    }
-
-    /// As [`Isbi::of`], with gain and length of every true track, and the total length of unpaired result
-    /// tracks, all in frames.
-    pub(super) fn with_tracks(
+    pub fn of(
         truth: &TrackSet,
         result: &TrackSet,
         gate: &Gate,
-        bootstrap: &Bootstrap,
-    ) -> Result<(Self, Vec<[f64; 2]>, f64)> {
+        units: &Units,
+    ) -> Result<(Self, Vec<[f64; 3]>)> {
         let filled = fill_holes(truth, result);
         let reference = filled.as_ref().unwrap_or(truth);
         let points = within_gate(reference, result, gate)?;
@@ -121,21 +109,22 @@ impl Isbi {
         let (n_true, n_result) = (reference.n_tracks(), result.n_tracks());
         let mut unpaired: f64 = (0..n_result).map(|t| length(result, t)).sum();
         let mut distances = Vec::new();
-        // Sums per track: gain, frames of references, frames of unpaired candidates, TP, union of points,
-        // union of tracks, pairs, squared distances.
-        let chosen_pairs = chosen.iter().map(|p| (p.row, p.column, 1));
-        let mut units = TrackUnits::<8>::new(n_true, n_result, chosen_pairs);
+        // Sums per unit: gain, frames of references, frames of unpaired candidates, TP, union of points, union
+        // of tracks, pairs, squared distances.
+        let mut items: Vec<(u32, [f64; 8])> = Vec::with_capacity(n_true + result.len());
         for track in 0..n_true {
-            let [_, frames, _, _, all, tracks, ..] = units.of_truth(track);
-            *frames += length(reference, track);
-            *all += length(reference, track);
-            *tracks += 1.0;
+            let frames = length(reference, track);
+            items.push((units.of_track(track), [0.0, frames, 0.0, 0.0, frames, 1.0, 0.0, 0.0]));
         }
+        let mut partner = vec![None; n_result];
+        chosen.iter().for_each(|pair| partner[pair.column as usize] = Some(units.of_track(pair.row as usize)));
         for track in 0..n_result {
-            let [_, _, unpaired, _, all, tracks, ..] = units.of_result(track);
-            *unpaired += length(result, track);
-            *all += result.track(track).len() as f64;
-            *tracks += 1.0;
+            let (points, frames) = (result.track(track), length(result, track));
+            let share = 1.0 / points.len() as f64;
+            items.extend(points.iter().map(|&j| {
+                let unit = partner[track].unwrap_or(units.of_result(j as usize));
+                (unit, [0.0, 0.0, frames * share, 0.0, 1.0, share, 0.0, 0.0])
+            }));
         }
         // As in the authors' program, interpolated points of a paired candidate beyond the ends of its
         // reference count as ghosts.
@@ -152,10 +141,11 @@ impl Isbi {
             let tp = same.len() as f64;
             // Paired points and tracks were counted twice.
             let more = [pair.value, 0.0, -length(result, column), tp, ghosts as f64 - tp, -1.0, 1.0, squares];
-            units.of_truth(pair.row as usize).iter_mut().zip(more).for_each(|(s, m)| *s += m);
+            items.push((units.of_track(pair.row as usize), more));
         }
-        let [alpha, beta, jsc, jsc_theta, rmse] = bootstrap.intervals(
-            &units.finish(),
+        let sums = units.sums(items.into_iter());
+        let [interval_alpha, interval_beta, interval_jsc, interval_jsc_theta, interval_rmse] = units.intervals(
+            &sums,
             |&[gain, frames, unpaired, tp, all, tracks, paired, squares]| {
                 [
                     ratio(gain, frames),
@@ -173,8 +163,6 @@ impl Isbi {
         let n = tp as f64;
         let mean = ratio(distances.iter().sum(), n);
         let spread = |m: f64| (distances.iter().map(|d| (d - m) * (d - m)).sum::<f64>() / n).sqrt();
-        let mut of_tracks: Vec<[f64; 2]> = (0..n_true).map(|t| [0.0, length(reference, t)]).collect();
-        chosen.iter().for_each(|pair| of_tracks[pair.row as usize][0] = pair.value);
         let score = Isbi {
             dims: if gate.z_um.is_finite() { 3 } else { 2 },
             gate_px: gate.xy_px,
@@ -192,9 +180,13 @@ impl Isbi {
             tp_tracks: paired,
             fn_tracks: n_true - paired,
             fp_tracks: n_result - paired,
-            interval: IsbiIntervals { alpha, beta, jsc, jsc_theta, rmse },
+            interval_alpha,
+            interval_beta,
+            interval_jsc,
+            interval_jsc_theta,
+            interval_rmse,
         };
-        Ok((score, of_tracks, unpaired))
+        Ok((score, sums.iter().map(|s| [s[0], s[1], s[2]]).collect()))
     }
 }
 

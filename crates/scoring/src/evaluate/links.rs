@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::detection::rates;
 use super::matching::{Matching, NONE};
-use super::statistics::{Bootstrap, Interval};
+use super::statistics::Interval;
 use super::track_set::TrackSet;
+use super::units::Units;
 
 /// Scores of links, i.e. pairs of consecutive points of a track.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -31,7 +32,7 @@ pub struct Links {
     /// 2 TP / (2 TP + FP + FN).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub f1: Option<f64>,
-    /// 95 % bootstrap interval of precision, resampling frames.
+    /// 95 % bootstrap interval of precision, resampling true tracks.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_precision: Interval,
     /// 95 % bootstrap interval of recall.
@@ -63,25 +64,31 @@ pub fn correct_links<'a>(
 }
 
 impl Links {
-    /// Scores the links of a matching.
-    pub fn of(truth: &TrackSet, result: &TrackSet, matching: &Matching, bootstrap: &Bootstrap) -> Self {
+    /// Scores the links of a matching. Also gives the sums over units of correct links, true links and links of
+    /// the result; a link belongs to the unit of its first point.
+    pub fn of(
+        truth: &TrackSet,
+        result: &TrackSet,
+        matching: &Matching,
+        units: &Units,
+    ) -> (Self, Vec<[f64; 3]>) {
         let next = successors(truth);
         let tp = correct_links(result, matching, &next).count();
         let (n, m) = (truth.links().count(), result.links().count());
         let (missed, fp) = (n - tp, m - tp);
         let [precision, recall, f1, _] = rates(tp as f64, missed as f64, fp as f64);
-        // A link belongs to the frame in which it begins.
-        let frame = |cloud: &TrackSet, i: usize| cloud.points[i].frame;
-        let true_ones = truth.links().map(|(a, _)| (frame(truth, a as usize), [0.0, 1.0, 0.0]));
-        let found = result.links().map(|(a, _)| (frame(result, a as usize), [0.0, 0.0, 1.0]));
+        let true_ones = truth.links().map(|(a, _)| (units.of_truth(a as usize), [0.0, 1.0, 0.0]));
+        let found = result.links().map(|(a, _)| (units.of_result(a as usize), [0.0, 0.0, 1.0]));
         let good =
-            correct_links(result, matching, &next).map(|(_, (a, _))| (frame(result, a), [1.0, 0.0, 0.0]));
-        let units = bootstrap.by_frame(true_ones.chain(found).chain(good));
+            correct_links(result, matching, &next).map(|((a, _), _)| (units.of_truth(a), [1.0, 0.0, 0.0]));
+        let sums = units.sums(true_ones.chain(found).chain(good));
         let [interval_precision, interval_recall, interval_f1] =
-            bootstrap.intervals(&units, |&[tp, n, m]| {
+            units.intervals(&sums, |&[tp, n, m]| {
                 let [precision, recall, f1, _] = rates(tp, n - tp, m - tp);
                 [precision, recall, f1]
             });
-        Links { tp, fp, missed, precision, recall, f1, interval_precision, interval_recall, interval_f1 }
+        let score =
+            Links { tp, fp, missed, precision, recall, f1, interval_precision, interval_recall, interval_f1 };
+        (score, sums)
     }
 }

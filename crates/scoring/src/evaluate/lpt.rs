@@ -7,12 +7,12 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::detection::per_frame;
 use super::matching::{Matching, NONE};
 use super::motion::{Motion, TrackComparison};
-use super::statistics::{Bootstrap, Interval, quantile, ratio};
+use super::statistics::{Interval, quantile, ratio};
 use super::track_set::TrackSet;
 use super::truth::TrueParticles;
+use super::units::{Matched, Units};
 
 /// Lagrangian particle tracking (Sciacchitano, Leclaire and Schroeder, LPT challenge, 2021).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -68,32 +68,24 @@ pub struct Lpt {
     pub lengths: [usize; 6],
     /// Numbers of true tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
     pub true_lengths: [usize; 6],
-    /// 95 % bootstrap intervals, resampling frames.
-    pub interval: LptIntervals,
-}
-
-/// 95 % bootstrap intervals of LPT scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct LptIntervals {
-    /// Interval of correct.
+    /// 95 % bootstrap interval of correct, resampling true tracks.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub correct: Interval,
-    /// Interval of ghost.
+    pub interval_correct: Interval,
+    /// 95 % bootstrap interval of ghost.
     #[schemars(inner(range(min = 0.0)))]
-    pub ghost: Interval,
-    /// Interval of displacement_rms_px.
+    pub interval_ghost: Interval,
+    /// 95 % bootstrap interval of displacement_rms_px.
     #[schemars(inner(range(min = 0.0)))]
-    pub displacement_rms_px: Interval,
-    /// Interval of velocity_rms_um_s.
+    pub interval_displacement_rms_px: Interval,
+    /// 95 % bootstrap interval of velocity_rms_um_s.
     #[schemars(inner(range(min = 0.0)))]
-    pub velocity_rms_um_s: Interval,
-    /// Interval of acceleration_rms_px.
+    pub interval_velocity_rms_um_s: Interval,
+    /// 95 % bootstrap interval of acceleration_rms_px.
     #[schemars(inner(range(min = 0.0)))]
-    pub acceleration_rms_px: Interval,
-    /// Interval of acceleration_rms_um_s2.
+    pub interval_acceleration_rms_px: Interval,
+    /// 95 % bootstrap interval of acceleration_rms_um_s2.
     #[schemars(inner(range(min = 0.0)))]
-    pub acceleration_rms_um_s2: Interval,
+    pub interval_acceleration_rms_um_s2: Interval,
 }
 
 /// Labels of the track-length classes, in points.
@@ -112,12 +104,12 @@ impl Lpt {
         matching: &Matching,
         depth: bool,
         reported: Option<&[[f64; 3]]>,
-        bootstrap: &Bootstrap,
+        units: &Units,
     ) -> Self {
         let (t, r) = clouds;
         let tp = matching.pairs().count() as f64;
         let (n, m) = (t.len() as f64, r.len() as f64);
-        let (motion, mut sums) = TrackComparison { truth, clouds, matching, depth, reported }.motion();
+        let (motion, errors) = TrackComparison { truth, clouds, matching, depth, reported }.motion();
         let mut score = Lpt {
             correct: ratio(tp, n),
             missed: ratio(n - tp, n),
@@ -126,24 +118,26 @@ impl Lpt {
             motion,
             ..Lpt::default()
         };
-        let frames = per_frame(t, r, matching).into_iter().map(|f| {
-            let [tp, missed, ghosts] = f.counts.map(|n| n as f64);
-            let [[nd, d], [nv, v], [nb, b], [na, a]] = sums.remove(&f.frame).unwrap_or_default();
-            (f.frame, [tp + missed, tp + ghosts, tp, nd, d, nv, v, nb, b, na, a])
+        let counts = units.matched(matching).map(|(unit, point)| match point {
+            Matched::Ghost => (unit, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            Matched::Pair(i, _) | Matched::Missed(i) => {
+                let [[nd, d], [nv, v], [nb, b], [na, a]] = errors[i];
+                let found = f64::from(u8::from(matching.of_truth[i] != NONE));
+                (unit, [1.0, found, found, nd, d, nv, v, nb, b, na, a])
+            }
         });
-        let units = bootstrap.by_frame(frames);
+        let sums = units.sums(counts);
         let root = |squares: f64, n: f64| ratio(squares, n).map(f64::sqrt);
-        let ends = bootstrap.intervals(&units, |&[n, m, tp, nd, d, nv, v, nb, b, na, a]| {
+        [
+            score.interval_correct,
+            score.interval_ghost,
+            score.interval_displacement_rms_px,
+            score.interval_velocity_rms_um_s,
+            score.interval_acceleration_rms_px,
+            score.interval_acceleration_rms_um_s2,
+        ] = units.intervals(&sums, |&[n, m, tp, nd, d, nv, v, nb, b, na, a]| {
             [ratio(tp, n), ratio(m - tp, n), root(d, nd), root(v, nv), root(b, nb), root(a, na)]
         });
-        score.interval = LptIntervals {
-            correct: ends[0],
-            ghost: ends[1],
-            displacement_rms_px: ends[2],
-            velocity_rms_um_s: ends[3],
-            acceleration_rms_px: ends[4],
-            acceleration_rms_um_s2: ends[5],
-        };
         score.tracks(clouds, matching);
         score
     }

@@ -38,7 +38,7 @@ pub mod statistics;
 pub mod track_set;
 pub mod truth;
 pub mod uncertainty;
-pub(crate) mod units;
+pub mod units;
 
 use crate::results::{Field, Points, TrackerResult};
 use convention_check::ConventionCheck;
@@ -53,13 +53,12 @@ use motion::TrackComparison;
 pub use options::EvaluateOptions;
 pub use read::{Truth, evaluate_files, evaluate_source};
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
-use statistics::Bootstrap;
 use storage::advice;
 use storage::error::{Error, Result};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
-use units::Divided;
 pub use units::UnitScores;
+use units::{Divided, Units};
 
 /// A score together with the points or vectors it was computed from, for tables and reports.
 #[derive(Debug, Clone, Default)]
@@ -161,7 +160,7 @@ fn vectors(
     facts: &RecordingFacts,
     options: &EvaluateOptions,
 ) -> Evaluation {
-    let field::ScoredField { score, vectors, units, notes, hints, warnings } =
+    let field::ScoredField { score, vectors, units, squares_found, notes, hints, warnings } =
         field::evaluate(truth, found, options.seed);
     let score = Score {
         dataset: facts.name.clone(),
@@ -175,7 +174,12 @@ fn vectors(
             bootstrap_seed: options.seed,
             ..definitions(facts)
         },
-        counts: Counts { n_nan: found.n_nan, ..Counts::default() },
+        counts: Counts {
+            n_nan: found.n_nan,
+            units: units.n_units(),
+            units_found: squares_found,
+            ..Counts::default()
+        },
         ..Score::default()
     };
     Evaluation { score, vectors, units, ..Evaluation::default() }
@@ -207,42 +211,41 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let scored = truth.scored(points, &gate, !depth, region)?;
     let (t, r) = (&scored.truth, &scored.result);
     let matching = matching::optimal(t, r, &gate, Cost::Squares)?;
-    let bootstrap = &Bootstrap { seed: options.seed, pairs: truth.facts.pairs };
-    let detection = Detection::of(t, r, &matching, depth, bootstrap);
+    let candidates = candidates::Candidates::new(t, r, &gate)?;
+    let resampled = &Units::new((t, r), &matching, &candidates, options.seed);
+    let (detection, of_points) = Detection::of(t, r, &matching, depth, resampled);
 
     let convention_check = ConventionCheck::new(truth, points, &gate, !depth, region);
     let hints = convention_check.hints(&detection)?;
     let offset = if options.auto_offset { convention_check.offset()? } else { None };
     let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();
-    let counts = counts(&scored, &matching, points, n_unlinked);
+    let counts = Counts {
+        units: of_points.len(),
+        units_found: of_points.iter().filter(|unit| unit[0] > 0.0).count(),
+        ..counts(&scored, &matching, points, n_unlinked)
+    };
     let warnings = cautions(truth, points, &counts);
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
-    let candidates = candidates::Candidates::new(t, r, &gate)?;
     let divided = Divided { clouds: (t, r), matching: &matching, candidates: &candidates, depth };
-    let mut units = divided.points();
-    let (isbi, of_tracks, unpaired) =
-        isbi::Isbi::with_tracks(t, r, &isbi_gate(&gate, isbi_gate_px, depth), bootstrap)?;
-    units.isbi = divided.isbi(&of_tracks, unpaired);
-    let (hota, of_tracks) = hota::Hota::with_tracks(t, r, &candidates, bootstrap);
-    units.hota = divided.hota(&of_tracks);
+    let (isbi, of_isbi) = isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, depth), resampled)?;
+    let (hota, of_hota) = hota::Hota::of(t, r, &candidates, resampled);
+    let (links, of_links) = links::Links::of(t, r, &matching, resampled);
     let (axes, ambiguous) = ((&truth.axes[..], &points.axes[..]), divided.ambiguous());
-    let orientation = orientation::Orientation::of((t, r), axes, (&matching, &ambiguous), bootstrap);
-    let (orientation, angles) = orientation.unzip();
-    units.angles = angles.map(|angles| divided.angles(&angles, &units.detection)).unwrap_or_default();
+    let orientation = orientation::Orientation::of((t, r), axes, (&matching, &ambiguous), resampled);
+    let (orientation, of_angles) = orientation.unzip();
     let z_um = if gate.z_um.is_finite() { Some(gate.z_um) } else { h.map(|h| ScoringGates::over(h).z_um) };
     let gates = (gate.xy_px, z_um.filter(|_| depth));
-    let (crps, counted) = crps::Crps::of((t, r), &points.sigma, (&matching, &ambiguous), gates, bootstrap);
-    units.crps = divided.crps(&counted, gates, &units.detection);
+    let (crps, of_crps) = crps::Crps::of((t, r), &points.sigma, (&matching, &ambiguous), gates, resampled);
     let isbi_2d = match isbi.dims {
-        3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), bootstrap)?),
+        3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), resampled)?.0),
         _ => None,
     };
     let range = truth.facts.depth_um.zip(h).filter(|_| depth);
     let gdpt = range.map(|(range, h)| {
         let gates = (gate.xy_px, options.gate_z_um.unwrap_or(ScoringGates::over(h).z_um));
-        gdpt::Gdpt::of(t, r, gates, range, bootstrap)
+        gdpt::Gdpt::of(t, r, gates, range, resampled)
     });
     let mut assumptions = truth.notes.clone();
     assumptions.extend(points.notes.iter().cloned());
@@ -253,22 +256,31 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let velocities = velocities.as_deref();
     let compared =
         TrackComparison { truth, clouds: (t, r), matching: &matching, depth, reported: velocities };
-    units.velocity = divided.velocity(&compared);
+    let units = UnitScores {
+        detection: of_points.iter().map(|s| [s[0], s[1], s[2]]).collect(),
+        links: of_links,
+        hota: of_hota.iter().map(|sums| sums.to_vec()).collect(),
+        isbi: of_isbi,
+        angles: of_angles.unwrap_or_default(),
+        crps: of_crps,
+        velocity: divided.velocity(&compared),
+        ..divided.points(resampled)
+    };
     let score = Score {
         dataset: truth.facts.name.clone(),
-        gates: at_other_gates((t, r), &gate, h, depth, bootstrap)?,
-        links: is_linked.then(|| links::Links::of(t, r, &matching, bootstrap)),
+        gates: at_other_gates((t, r), &gate, h, depth)?,
+        links: is_linked.then_some(links),
         isbi: Some(isbi),
         isbi_2d,
         hota: Some(hota),
-        clear: Some(clear::Clear::of(t, r, &candidates, gate.xy_px, bootstrap)),
-        identity: Some(identity::Identity::of(t, r, &candidates, bootstrap)),
+        clear: Some(clear::Clear::of(t, r, &candidates, gate.xy_px, resampled)),
+        identity: Some(identity::Identity::of(t, r, &candidates, resampled)),
         ctc: Some(ctc::Ctc::of(t, r, &matching)),
         gdpt: gdpt.transpose()?,
         uncertainty: claims(points, (t, r), &matching, depth),
         crps: Some(crps),
         orientation,
-        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, bootstrap)),
+        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, resampled)),
         curves: curves::curves(truth, (t, r), &matching, depth),
         counts,
         offset: offset.map(|(shift, f1_without)| Offset { x_px: shift[0], y_px: shift[1], f1_without }),
@@ -347,12 +359,11 @@ fn at_other_gates(
     gate: &Gate,
     h: Option<f64>,
     depth: bool,
-    bootstrap: &Bootstrap,
 ) -> Result<Vec<DetectionAtGate>> {
     let mut gates = Vec::new();
     for other in options::other_gates(gate, h) {
         let matching = matching::optimal(t, r, &other, Cost::Squares)?;
-        let at = Detection::of(t, r, &matching, depth, bootstrap);
+        let (at, _) = Detection::of(t, r, &matching, depth, &Units::single(t, r));
         gates.push(DetectionAtGate {
             gate: other.to_string(),
             precision: at.precision,
@@ -379,6 +390,7 @@ fn counts(scored: &ScoredPoints, matching: &Matching, points: &Points, n_unlinke
         n_unlinked,
         tracks_truth: t.n_tracks(),
         tracks_result: r.n_tracks(),
+        ..Counts::default()
     }
 }
 

@@ -7,7 +7,6 @@
 //! differences, compared with second differences of the truth.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -79,8 +78,8 @@ pub(super) enum MotionQuantity {
     Acceleration,
 }
 
-/// For every frame and [`MotionQuantity`]: number of errors and sum of their squares.
-pub(super) type Sums = BTreeMap<u32, [[f64; 2]; 4]>;
+/// For every true point and [`MotionQuantity`]: number of errors and sum of their squares.
+pub(super) type Sums = Vec<[[f64; 2]; 4]>;
 
 /// The velocities reported by a result, um/s, one per row; `None` if it reports none.
 ///
@@ -140,9 +139,9 @@ pub(super) struct TrackComparison<'a> {
 }
 
 impl TrackComparison<'_> {
-    /// All errors, and their sums for each frame.
+    /// All errors, and their sums for each true point.
     pub(super) fn motion(&self) -> (Motion, Sums) {
-        let (mut motion, mut sums) = (Motion::default(), Sums::new());
+        let (mut motion, mut sums) = (Motion::default(), vec![Default::default(); self.clouds.0.len()]);
         let next = successors(self.clouds.0);
         self.displacements(&next, &mut motion, &mut sums);
         self.velocities(&mut motion, &mut sums);
@@ -150,12 +149,12 @@ impl TrackComparison<'_> {
         (motion, sums)
     }
 
-    fn displacements(&self, next: &[u32], motion: &mut Motion, sums: &mut Sums) {
+    fn displacements(&self, next: &[u32], motion: &mut Motion, sums: &mut [[[f64; 2]; 4]]) {
         let (t, r) = self.clouds;
         let mut errors: Vec<[f64; 3]> = Vec::new();
         for ((ta, tb), (ra, rb)) in correct_links(r, self.matching, next) {
             let error = minus(moved(r, ra, rb), moved(t, ta, tb));
-            add(sums, r.points[ra].frame, MotionQuantity::Displacement, &error);
+            add(sums, ta, MotionQuantity::Displacement, &error);
             errors.push(error);
         }
         let axis = |k: usize| Errors::of(errors.iter().map(move |e| e[k]));
@@ -165,7 +164,7 @@ impl TrackComparison<'_> {
         motion.displacement_rms_z_um = axis(2).rms.filter(|_| self.depth);
     }
 
-    fn velocities(&self, motion: &mut Motion, sums: &mut Sums) {
+    fn velocities(&self, motion: &mut Motion, sums: &mut [[[f64; 2]; 4]]) {
         let (t, r) = self.clouds;
         if self.truth.velocity_um_s.is_empty() {
             return;
@@ -175,7 +174,7 @@ impl TrackComparison<'_> {
         for track in 0..r.n_tracks() {
             let points = r.track(track);
             for (k, &i) in points.iter().enumerate() {
-                let (i, of) = (i as usize, self.matching.of_result[i as usize]);
+                let of = self.matching.of_result[i as usize];
                 if of == NONE {
                     continue;
                 }
@@ -185,7 +184,7 @@ impl TrackComparison<'_> {
                 if error[0].is_finite() && error[1].is_finite() {
                     is_from[usize::from(is_reported)] = true;
                     speed.add(error, exact);
-                    add(sums, r.points[i].frame, MotionQuantity::Velocity, &error);
+                    add(sums, of as usize, MotionQuantity::Velocity, &error);
                 }
                 upward.extend(Some(error[2]).filter(|w| w.is_finite()));
             }
@@ -250,7 +249,7 @@ impl TrackComparison<'_> {
         Some([x * um_per_px, y * um_per_px, z])
     }
 
-    fn accelerations(&self, next: &[u32], motion: &mut Motion, sums: &mut Sums) {
+    fn accelerations(&self, next: &[u32], motion: &mut Motion, sums: &mut [[[f64; 2]; 4]]) {
         let (t, r) = self.clouds;
         // Whether two result points follow one particle in consecutive frames.
         let joined = |a: u32, b: u32| {
@@ -272,10 +271,10 @@ impl TrackComparison<'_> {
                 let facts = &self.truth.facts;
                 let mut both = |steps: [f64; 2], total: &mut Total, kind: MotionQuantity, um: Option<f64>| {
                     let scaled = |px: [f64; 3]| um.map_or(px, |um| facts.unstretched(px).map(|v| v * um));
-                    let exact = scaled(pair(steps, (t, exact)));
-                    let error = minus(scaled(pair(steps, (r, found))), exact);
-                    total.add(error, exact);
-                    add(sums, frame[1], kind, &error);
+                    let of_truth = scaled(pair(steps, (t, exact)));
+                    let error = minus(scaled(pair(steps, (r, found))), of_truth);
+                    total.add(error, of_truth);
+                    add(sums, exact[1], kind, &error);
                 };
                 both([1.0; 2], &mut bend, MotionQuantity::Bend, None);
                 let elapsed = |a: usize, b: usize| self.truth.elapsed_s(frame[a], frame[b]);
@@ -289,7 +288,7 @@ impl TrackComparison<'_> {
         }
         if !is_even {
             bend = Total::default();
-            sums.values_mut().for_each(|of_frame| of_frame[MotionQuantity::Bend as usize] = [0.0; 2]);
+            sums.iter_mut().for_each(|of_point| of_point[MotionQuantity::Bend as usize] = [0.0; 2]);
         }
         let ((in_um, relative), (in_px, relative_px)) = (curve.rms(), bend.rms());
         (motion.acceleration_rms_um_s2, motion.acceleration_rms_px) = (in_um, in_px);
@@ -307,8 +306,8 @@ fn moved(cloud: &TrackSet, a: usize, b: usize) -> [f64; 3] {
 }
 
 /// Adds an error in the image plane.
-fn add(sums: &mut Sums, frame: u32, kind: MotionQuantity, error: &[f64; 3]) {
-    let [n, squares] = &mut sums.entry(frame).or_default()[kind as usize];
+fn add(sums: &mut [[[f64; 2]; 4]], point: usize, kind: MotionQuantity, error: &[f64; 3]) {
+    let [n, squares] = &mut sums[point][kind as usize];
     *n += 1.0;
     *squares += error[0] * error[0] + error[1] * error[1];
 }

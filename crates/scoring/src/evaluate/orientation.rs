@@ -7,8 +7,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::matching::{Matching, NONE};
-use super::statistics::{Bootstrap, Interval, quantile, ratio};
+use super::statistics::{Interval, quantile, ratio};
 use super::track_set::TrackSet;
+use super::units::{Matched, Units};
 
 /// Angle of a missed spheroid and of a ghost, degrees: at least that of any found spheroid, so that neither
 /// omitted rows nor rows at random positions improve the score.
@@ -66,13 +67,13 @@ impl Orientation {
     /// for particles without an axis, `found_axes` is empty if the result has none. `ambiguous` marks the
     /// true particles that have a ghost within their gate. `None` if the truth has no axes.
     ///
-    /// Also gives the angle of every true particle that counts in `mean_all_deg`.
+    /// Also gives the sums over units of what counts in `mean_all_deg`: number and angle.
     pub fn of(
         (truth, result): (&TrackSet, &TrackSet),
         (true_axes, found_axes): (&[[f64; 3]], &[[f64; 3]]),
         (matching, ambiguous): (&Matching, &[bool]),
-        bootstrap: &Bootstrap,
-    ) -> Option<(Self, Vec<Option<f64>>)> {
+        units: &Units,
+    ) -> Option<(Self, Vec<[f64; 2]>)> {
         if true_axes.is_empty() {
             return None;
         }
@@ -90,21 +91,25 @@ impl Orientation {
         };
         // Number of true spheroids, number of angles, their sum and sum of squares; number and sum of the
         // angles that count in the mean of all.
-        let spheroids = (0..truth.len()).filter(|&i| axis(i).iter().all(|v| v.is_finite()));
-        let sums = spheroids.clone().map(|i| {
-            let [n, sum, squares] = angles[i].map_or([0.0; 3], |a| [1.0, a, a * a]);
-            (truth.points[i].frame, [1.0, n, sum, squares, 1.0, counted(i).unwrap_or(0.0)])
-        });
-        let ghosts = (0..result.len()).filter(|&j| matching.of_result[j] == NONE);
-        let of_ghosts = ghosts.map(|j| (result.points[j].frame, [0.0, 0.0, 0.0, 0.0, 1.0, UNFOUND_DEG]));
-        let units = bootstrap.by_frame(sums.chain(of_ghosts));
+        let is_spheroid = |i: usize| axis(i).iter().all(|v| v.is_finite());
+        let spheroids = (0..truth.len()).filter(|&i| is_spheroid(i));
+        let sums = units.sums(units.matched(matching).map(|(unit, point)| {
+            let sums = match point {
+                Matched::Pair(i, _) | Matched::Missed(i) if is_spheroid(i) => {
+                    let [n, sum, squares] = angles[i].map_or([0.0; 3], |a| [1.0, a, a * a]);
+                    [1.0, n, sum, squares, 1.0, counted(i).unwrap_or(0.0)]
+                }
+                Matched::Ghost => [0.0, 0.0, 0.0, 0.0, 1.0, UNFOUND_DEG],
+                _ => [0.0; 6],
+            };
+            (unit, sums)
+        }));
         let mean = |s: &[f64; 6]| ratio(s[2], s[1]);
         let all = |s: &[f64; 6]| ratio(s[5], s[4]);
-        let [interval_mean_deg, interval_mean_all_deg] = bootstrap.intervals(&units, |s| [mean(s), all(s)]);
-        let total = units.iter().fold([0.0; 6], |t: [f64; 6], u| std::array::from_fn(|k| t[k] + u[k]));
+        let [interval_mean_deg, interval_mean_all_deg] = units.intervals(&sums, |s| [mean(s), all(s)]);
+        let total = sums.iter().fold([0.0; 6], |t: [f64; 6], u| std::array::from_fn(|k| t[k] + u[k]));
         let mut sorted: Vec<f64> = spheroids.clone().filter_map(|i| angles[i]).collect();
         sorted.sort_unstable_by(f64::total_cmp);
-        let counted_angles = |i: usize| counted(i).filter(|_| axis(i)[0].is_finite());
         let score = (total[0] > 0.0).then(|| Orientation {
             n_true: total[0] as usize,
             n: sorted.len(),
@@ -116,7 +121,7 @@ impl Orientation {
             interval_mean_deg,
             interval_mean_all_deg,
         })?;
-        Some((score, (0..truth.len()).map(counted_angles).collect()))
+        Some((score, sums.iter().map(|s| [s[4], s[5]]).collect()))
     }
 }
 

@@ -4,7 +4,7 @@
 use super::planes::PlaneScore;
 use super::read::Truth;
 use super::{
-    Counts, Definitions, EvaluateOptions, Evaluation, Score, UnitScores, definitions, detection, particles,
+    Counts, Definitions, EvaluateOptions, Evaluation, Score, UnitScores, definitions, particles,
     statistics,
 };
 use crate::results::Points;
@@ -101,12 +101,7 @@ fn leave_out(evaluation: &mut Evaluation) {
     let score = &mut evaluation.score;
     if let Some(own) = &mut score.detection {
         (own.precision, own.f1, own.jaccard) = (None, None, None);
-        own.interval = detection::DetectionIntervals {
-            precision: None,
-            f1: None,
-            jaccard: None,
-            ..std::mem::take(&mut own.interval)
-        };
+        (own.interval_precision, own.interval_f1, own.interval_jaccard) = (None, None, None);
     }
     for gate in &mut score.gates {
         (gate.precision, gate.f1) = (None, None);

@@ -153,6 +153,11 @@ pub struct Counts {
     pub tracks_truth: usize,
     /// Number of result tracks.
     pub tracks_result: usize,
+    /// Number of independent units, over which intervals resample: true tracks (at most 2000; more are merged), or squares of
+    /// 32 px with reference nodes.
+    pub units: usize,
+    /// Number of units in which a particle is matched; for fields, of squares in which a node is covered in any image pair.
+    pub units_found: usize,
 }
 
 /// The shift of the whole result that fits best. It is reported, never applied.

@@ -1,11 +1,13 @@
-//! Data for a paired comparison of two results, besides their scores: sums over resampling units that all
-//! results of a dataset share, and the errors of every true particle.
+//! Resampling units of intervals and of paired comparisons of two results, and the errors of every true particle.
 //!
-//! A unit is a true track (all of its points: errors along a track are correlated), or a square of reference
-//! nodes of a field. Ghosts and wrong links of a result belong to the unit of a nearby true particle as long
-//! as this unit has no more than twice the average number, otherwise to the next unit with room: a thousand
-//! ghosts at one position in a single unit would be absent from a third of all resamples, and so would never
-//! be significant.
+//! A unit is a true track: the frames of a sequence show the same particles, and what makes one of them difficult
+//! (its depth, a neighbor) does so in all frames. Every result point belongs to a unit, too: a matched point to
+//! that of its true particle; another one to that of a true particle within twice the gate, to the one that its
+//! track mostly follows, or to one that its place selects (a square of 8 px), in this order. Each result thus has the
+//! same units, and what is wrong in the same place or along the same track stays together. A unit has no
+//! more than twice the average number of unmatched points, or as many as the longest true track has points; others go to the
+//! next unit with room: a thousand ghosts at one position in a single unit would be absent from a third of all
+//! resamples, and so would never be significant. For fields, a unit is a square of reference nodes.
 //!
 //! A true particle whose gate contains a ghost in addition to its match counts as missed where errors are
 //! compared: of several answers the nearest one is matched, so that many answers would give a small error.
@@ -16,18 +18,153 @@
 use serde::{Deserialize, Serialize};
 
 use super::candidates::Candidates;
-use super::crps::Counted;
 use super::detection::error;
 use super::hota;
-use super::links::{correct_links, successors};
 use super::matching::{Matching, NONE};
 use super::motion::TrackComparison;
-use super::orientation::UNFOUND_DEG;
-use super::statistics::BLOCKS;
-use super::track_set::TrackSet;
+use super::statistics::{BLOCKS, Interval, add, intervals};
+use super::track_set::{Position, TrackSet};
 
 /// Squared error of a particle that is missed.
 pub(crate) const MISSED: f32 = -1.0;
+
+/// Side of the squares by which ghosts far from all particles are assigned to units, px.
+const PLACE_PX: f64 = 8.0;
+
+/// The resampling unit of every point of truth and result.
+#[derive(Debug, Clone)]
+pub struct Units {
+    seed: u64,
+    n: usize,
+    of_truth: Vec<u32>,
+    of_result: Vec<u32>,
+}
+
+/// A true point or a ghost.
+pub(super) enum Matched {
+    /// True point and its result point.
+    Pair(usize, usize),
+    /// True point without a result point.
+    Missed(usize),
+    /// Result point without a true point.
+    Ghost,
+}
+
+impl Units {
+    /// The units of a matched result; `seed` is that of the bootstrap.
+    pub fn new(
+        (truth, result): (&TrackSet, &TrackSet),
+        matching: &Matching,
+        candidates: &Candidates,
+        seed: u64,
+    ) -> Self {
+        let n = truth.n_tracks().clamp(1, BLOCKS);
+        let of_truth: Vec<u32> = truth.points.iter().map(|point| point.track % BLOCKS as u32).collect();
+        let mut near = vec![None; result.len()];
+        for (unit, of) in near.iter_mut().zip(&matching.of_result) {
+            *unit = of_truth.get(*of as usize).copied();
+        }
+        for pair in &candidates.pairs {
+            near[pair.result as usize].get_or_insert(of_truth[pair.truth as usize]);
+        }
+        let n_ghosts = matching.of_result.iter().filter(|of| **of == NONE).count();
+        let longest = (0..truth.n_tracks()).map(|track| truth.track(track).len()).max().unwrap_or(0);
+        let mut places = Places::new(n, n_ghosts, longest);
+        let mut of_result = vec![0; result.len()];
+        for track in 0..result.n_tracks() {
+            let points = result.track(track);
+            let mut units: Vec<u32> = points.iter().filter_map(|&j| near[j as usize]).collect();
+            units.sort_unstable();
+            let followed = units.chunk_by(|a, b| a == b).rev().max_by_key(|same| same.len()).map(|same| same[0]);
+            let own = followed.unwrap_or_else(|| place(&result.points[points[0] as usize].at, n));
+            for j in points.iter().map(|&j| j as usize) {
+                let unit = near[j].unwrap_or(own);
+                of_result[j] = if matching.of_result[j] == NONE { places.take(unit) } else { unit };
+            }
+        }
+        Units { seed, n, of_truth, of_result }
+    }
+
+    /// All points in a single unit, which gives no intervals.
+    pub fn single(truth: &TrackSet, result: &TrackSet) -> Self {
+        Units { seed: 0, n: 1, of_truth: vec![0; truth.len()], of_result: vec![0; result.len()] }
+    }
+
+    /// The unit of a true track.
+    pub(super) fn of_track(&self, track: usize) -> u32 {
+        (track % self.n) as u32
+    }
+
+    /// The unit of a true point.
+    pub(super) fn of_truth(&self, point: usize) -> u32 {
+        self.of_truth[point]
+    }
+
+    /// The unit of a result point.
+    pub(super) fn of_result(&self, point: usize) -> u32 {
+        self.of_result[point]
+    }
+
+    /// All true points and all ghosts, each with its unit.
+    pub(super) fn matched<'a>(&'a self, matching: &'a Matching) -> impl Iterator<Item = (u32, Matched)> + 'a {
+        let truth = matching.of_truth.iter().enumerate().map(|(i, &j)| {
+            (self.of_truth[i], if j == NONE { Matched::Missed(i) } else { Matched::Pair(i, j as usize) })
+        });
+        let ghosts = matching.of_result.iter().enumerate().filter(|(_, of)| **of == NONE);
+        truth.chain(ghosts.map(|(j, _)| (self.of_result[j], Matched::Ghost)))
+    }
+
+    /// Sums over every unit of items, each with its unit.
+    pub(super) fn sums<const N: usize>(&self, items: impl Iterator<Item = (u32, [f64; N])>) -> Vec<[f64; N]> {
+        let mut sums = vec![[0.0; N]; self.n];
+        items.for_each(|(unit, item)| add(&mut sums[unit as usize], &item));
+        sums
+    }
+
+    /// 95 % intervals of statistics of the sums over units; see [`intervals`].
+    pub(super) fn intervals<const N: usize, const M: usize>(
+        &self,
+        sums: &[[f64; N]],
+        statistics: impl Fn(&[f64; N]) -> [Option<f64>; M],
+    ) -> [Interval; M] {
+        intervals(sums, self.seed, statistics)
+    }
+}
+
+/// The unit that a place selects out of `n`; the same in each result.
+fn place(at: &Position, n: usize) -> u32 {
+    let [column, row] = [at.x_px, at.y_px].map(|px| (px / PLACE_PX).floor() as i64 as u64);
+    let mixed = (column << 32 ^ row).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    ((u128::from(mixed ^ mixed >> 32) * n as u128) >> 64) as u32
+}
+
+/// Room for ghosts in units.
+struct Places {
+    taken: Vec<usize>,
+    room: usize,
+    next: usize,
+}
+
+impl Places {
+    /// Places for `n` items among `units` units, at least `least` in each.
+    fn new(units: usize, n: usize, least: usize) -> Self {
+        Places { taken: vec![0; units], room: (2 * n).div_ceil(units).max(least).max(1), next: 0 }
+    }
+
+    /// The wanted unit, or the next one with room.
+    fn take(&mut self, wanted: u32) -> u32 {
+        let mut unit = wanted as usize;
+        if self.taken[unit] >= self.room {
+            // There is room for twice as many.
+            while self.taken[self.next] >= self.room {
+                self.next = (self.next + 1) % self.taken.len();
+            }
+            unit = self.next;
+        }
+        self.taken[unit] += 1;
+        unit as u32
+    }
+}
 
 /// Sums of a result over units, and errors of true particles.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -81,35 +218,7 @@ impl UnitScores {
     }
 }
 
-/// Assigns units to ghosts and wrong links, which belong to no true track.
-struct Places {
-    taken: Vec<usize>,
-    room: usize,
-    next: usize,
-}
-
-impl Places {
-    /// Places for `n` items among `units` units.
-    fn new(units: usize, n: usize) -> Self {
-        Places { taken: vec![0; units], room: (2 * n).div_ceil(units).max(1), next: 0 }
-    }
-
-    /// The wanted unit, or the next one with room.
-    fn take(&mut self, wanted: Option<usize>) -> usize {
-        if let Some(unit) = wanted.filter(|unit| self.taken[*unit] < self.room) {
-            self.taken[unit] += 1;
-            return unit;
-        }
-        // There is room for twice as many.
-        while self.taken[self.next] >= self.room {
-            self.next = (self.next + 1) % self.taken.len();
-        }
-        self.taken[self.next] += 1;
-        self.next
-    }
-}
-
-/// A matched result, to be divided into units.
+/// A matched result whose errors are compared with those of others.
 pub(super) struct Divided<'a> {
     pub(super) clouds: (&'a TrackSet, &'a TrackSet),
     pub(super) matching: &'a Matching,
@@ -118,30 +227,9 @@ pub(super) struct Divided<'a> {
 }
 
 impl Divided<'_> {
-    /// Number of units.
-    fn units(&self) -> usize {
-        self.clouds.0.n_tracks().clamp(1, BLOCKS)
-    }
-
-    fn unit_of_track(&self, track: usize) -> usize {
-        track % BLOCKS
-    }
-
-    fn unit_of(&self, true_point: usize) -> usize {
-        self.unit_of_track(self.clouds.0.points[true_point].track as usize)
-    }
-
-    /// Counts and errors of points, and links.
-    pub(super) fn points(&self) -> UnitScores {
+    /// Units and errors of true particles.
+    pub(super) fn points(&self, units: &Units) -> UnitScores {
         let (t, r) = self.clouds;
-        let n = self.units();
-        let mut sums = UnitScores {
-            detection: vec![[0.0; 3]; n],
-            beside: vec![0.0; n],
-            links: vec![[0.0; 3]; n],
-            ..Default::default()
-        };
-        sums.unit = (0..t.len()).map(|i| self.unit_of(i) as u32).collect();
         let ambiguous = self.ambiguous();
         let squared = |i: usize, axes: &[usize]| {
             let found = (i, self.matching.of_truth[i] as usize);
@@ -151,36 +239,12 @@ impl Divided<'_> {
             let error = error(t, r, found);
             axes.iter().map(|&k| error[k] * error[k]).sum::<f64>() as f32
         };
-        sums.xy = (0..t.len()).map(|i| squared(i, &[0, 1])).collect();
-        if self.depth {
-            sums.z = (0..t.len()).map(|i| squared(i, &[2])).collect();
-        }
-        for (i, has_ghost) in self.with_ghost(2.0).into_iter().enumerate() {
-            let (unit, is_missed) = (self.unit_of(i), self.matching.of_truth[i] == NONE);
-            sums.detection[unit][usize::from(is_missed)] += 1.0;
-            sums.beside[unit] += f64::from(u8::from(has_ghost && !is_missed));
-        }
-        let mut near = vec![None; r.len()];
-        for pair in &self.candidates.pairs {
-            near[pair.result as usize].get_or_insert(self.unit_of(pair.truth as usize));
-        }
-        let ghosts = || (0..r.len()).filter(|&j| self.matching.of_result[j] == NONE);
-        let mut places = Places::new(n, ghosts().count());
-        ghosts().for_each(|j| sums.detection[places.take(near[j])][2] += 1.0);
-
-        for (a, _) in t.links() {
-            sums.links[self.unit_of(a as usize)][1] += 1.0;
-        }
-        let next = successors(t);
-        let mut n_wrong = r.links().count();
-        for ((a, _), _) in correct_links(r, self.matching, &next) {
-            let unit = &mut sums.links[self.unit_of(a)];
-            (unit[0], unit[2]) = (unit[0] + 1.0, unit[2] + 1.0);
-            n_wrong -= 1;
-        }
-        let mut places = Places::new(n, n_wrong);
-        (0..n_wrong).for_each(|_| sums.links[places.take(None)][2] += 1.0);
-        sums
+        let xy = (0..t.len()).map(|i| squared(i, &[0, 1])).collect();
+        let z = (0..t.len()).filter(|_| self.depth).map(|i| squared(i, &[2])).collect();
+        let beside = self.with_ghost(2.0);
+        let is_beside = (0..t.len()).filter(|&i| beside[i] && self.matching.of_truth[i] != NONE);
+        let beside = units.sums(is_beside.map(|i| (units.of_truth(i), [1.0]))).into_iter().map(|[n]| n).collect();
+        UnitScores { unit: units.of_truth.clone(), beside, xy, z, ..Default::default() }
     }
 
     /// Whether the gate of a true particle contains a ghost.
@@ -196,61 +260,6 @@ impl Divided<'_> {
             near[pair.truth as usize] |= is_ghost && pair.squared < gates * gates;
         }
         near
-    }
-
-    /// Sums of HOTA from those of true tracks.
-    pub(super) fn hota(&self, of_tracks: &[[f64; hota::SUMS]]) -> Vec<Vec<f64>> {
-        let mut sums = vec![vec![0.0; hota::SUMS]; self.units()];
-        let mut placed = 0.0;
-        for (track, of_track) in of_tracks.iter().enumerate() {
-            placed += of_track[0];
-            sums[self.unit_of_track(track)].iter_mut().zip(of_track).for_each(|(sum, new)| *sum += new);
-        }
-        let (t, r) = self.clouds;
-        // Points of the result that match no true track.
-        let others = (t.len() + r.len()).saturating_sub(placed as usize);
-        let mut places = Places::new(sums.len(), others);
-        (0..others).for_each(|_| sums[places.take(None)][0] += 1.0);
-        sums
-    }
-
-    /// Sums of ISBI scores from gain and length of true tracks and the length of unpaired result tracks.
-    pub(super) fn isbi(&self, of_tracks: &[[f64; 2]], unpaired: f64) -> Vec<[f64; 3]> {
-        let even = unpaired / self.units() as f64;
-        let mut sums = vec![[0.0, 0.0, even]; self.units()];
-        for (track, [gain, length]) in of_tracks.iter().enumerate() {
-            let unit = &mut sums[self.unit_of_track(track)];
-            (unit[0], unit[1]) = (unit[0] + gain, unit[1] + length);
-        }
-        sums
-    }
-
-    /// Sums of angles of true particles, `None` for those that are no spheroids, and of the ghosts of each
-    /// unit in `detection`.
-    pub(super) fn angles(&self, of_truth: &[Option<f64>], detection: &[[f64; 3]]) -> Vec<[f64; 2]> {
-        let mut sums: Vec<[f64; 2]> =
-            detection.iter().map(|[_, _, ghosts]| [*ghosts, ghosts * UNFOUND_DEG]).collect();
-        for (i, angle) in of_truth.iter().enumerate() {
-            let unit = &mut sums[self.unit_of(i)];
-            angle.iter().for_each(|angle| (unit[0], unit[1]) = (unit[0] + 1.0, unit[1] + angle));
-        }
-        sums
-    }
-
-    /// Sums of the CRPS of true particles and of the ghosts of each unit in `detection`, which count with the
-    /// gates.
-    pub(super) fn crps(
-        &self,
-        of_truth: &[Counted],
-        gates: (f64, Option<f64>),
-        detection: &[[f64; 3]],
-    ) -> Vec<[f64; 3]> {
-        let of_ghosts = |[_, _, n]: &[f64; 3]| [*n, n * gates.0, n * gates.1.unwrap_or(0.0)];
-        let mut sums: Vec<[f64; 3]> = detection.iter().map(of_ghosts).collect();
-        for (i, [xy, z]) in of_truth.iter().enumerate() {
-            sums[self.unit_of(i)].iter_mut().zip([1.0, *xy, *z]).for_each(|(sum, new)| *sum += new);
-        }
-        sums
     }
 
     /// Squared errors of velocities, see [`UnitScores`]; empty if those of the truth are unknown.
@@ -283,14 +292,17 @@ mod tests {
 
     #[test]
     fn many_items_at_one_place_are_spread_over_half_of_the_units() {
-        let mut places = Places::new(10, 1000);
+        let mut places = Places::new(10, 1000, 6);
         for _ in 0..1000 {
-            places.take(Some(7));
+            places.take(7);
         }
         assert_eq!(places.taken.iter().sum::<usize>(), 1000);
         assert_eq!((places.taken[7], places.taken.iter().filter(|n| **n > 0).count()), (200, 5));
-        // Few of them are where they belong.
-        let mut places = Places::new(10, 3);
-        assert_eq!([Some(4), Some(4), None].map(|wanted| places.take(wanted)), [4, 0, 1]);
+        // As many as a track has points are where they belong.
+        let mut places = Places::new(10, 3, 2);
+        assert_eq!([4, 4, 4].map(|wanted| places.take(wanted)), [4, 4, 0]);
+        let units: Vec<u32> = (0..1000).map(|k| place(&Position { x_px: 8.0 * f64::from(k % 40), y_px: 8.0 * f64::from(k / 40), z_um: 0.0 }, 10)).collect();
+        // A hundred each, and their standard deviation 9.5.
+        assert!((0..10).all(|unit| (70..130).contains(&units.iter().filter(|of| **of == unit).count())), "{units:?}");
     }
 }

@@ -47,6 +47,21 @@ pub enum Subject {
     Planes,
 }
 
+/// How the average of a published score changes with a single particle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Published {
+    /// By 1 / n.
+    Rate,
+    /// By the gate in the image plane / n (1 px for fields).
+    Px,
+    /// By the gate along z / n.
+    Um,
+    /// By a tenth / n: the gate is a tenth of the depth range.
+    DepthShare,
+    /// By 90 degrees / n.
+    Degrees,
+}
+
 /// Value and 95 % interval.
 type Measured = (Option<f64>, Interval);
 
@@ -84,6 +99,8 @@ pub struct ScoreDef {
     pub heading: Option<&'static str>,
     /// Whether `compare` ranks by it; in the order of this list.
     pub is_criterion: bool,
+    /// How it is rounded where the truth is withheld; `None` if it is withheld, too.
+    pub published: Option<Published>,
     get: fn(&Score) -> Option<Measured>,
     pub(super) compared: Compared,
 }
@@ -129,6 +146,7 @@ impl ScoreDef {
             is_headline,
             heading,
             is_criterion,
+            published: None,
             get,
             compared,
         }
@@ -149,6 +167,12 @@ impl ScoreDef {
     const fn heading(mut self, heading: &'static str) -> Self {
         self.heading = Some(heading);
         self.headline()
+    }
+
+    /// An average over particles or reference nodes, of which each contributes a limited amount.
+    const fn published(mut self, by: Published) -> Self {
+        self.published = Some(by);
+        self
     }
 
     const fn criterion(mut self) -> Self {
@@ -177,86 +201,106 @@ use Compared::{Errors, Interval as Ends, Resamples};
 
 /// All scores of tables and rankings.
 pub static SCORES: &[ScoreDef] = &[
-    score!(Particles d in detection: ["f1", "detection.f1", "F1", ""], Greater, d.f1, d.interval.f1)
+    score!(Particles d in detection: ["f1", "detection.f1", "F1", ""], Greater, d.f1, d.interval_f1)
         .ranks(Metric::F1, Resamples(f1))
         .heading("F1")
-        .criterion(),
+        .criterion()
+    .published(Published::Rate),
     score!(Particles d in detection: ["recall", "detection.recall", "recall", ""], Greater,
-        d.recall, d.interval.recall)
+        d.recall, d.interval_recall)
     .ranks(Metric::Recall, Resamples(found_per_true))
-    .heading("recall"),
+    .heading("recall")
+    .published(Published::Rate),
     score!(Particles d in detection: ["precision", "detection.precision", "precision", ""], Greater,
-        d.precision, d.interval.precision)
+        d.precision, d.interval_precision)
     .ranks(
         Metric::Precision,
         Resamples(|u, draws| resampled(&u.detection, draws, |[tp, _, fp]| ratio(tp, tp + fp))),
     )
-    .headline(),
+    .headline()
+    .published(Published::Rate),
     score!(Particles d in detection: ["rmse_xy_px", "detection.rmse_xy_px", "RMSE xy", "px"], Smaller,
-        d.rmse_xy_px, d.interval.rmse_xy_px)
+        d.rmse_xy_px, d.interval_rmse_xy_px)
     .ranks(Metric::RmseXyPx, Errors(|u| &u.xy))
     .heading("xy px")
-    .criterion(),
+    .criterion()
+    .published(Published::Px),
     score!(Particles d in detection: ["rmse_z_um", "detection.rmse_z_um", "RMSE z", "um"], Smaller,
-        d.rmse_z_um, None),
+        d.rmse_z_um, d.interval_rmse_z_um)
+    .published(Published::Um),
     score!(Particles d in detection: ["bias_x_px", "detection.bias_x_px", "bias x", "px"], NearZero,
-        d.bias_x_px, None)
-    .headline(),
+        d.bias_x_px, d.interval_bias_x_px)
+    .headline()
+    .published(Published::Px),
     score!(Particles d in detection: ["bias_y_px", "detection.bias_y_px", "bias y", "px"], NearZero,
-        d.bias_y_px, None),
+        d.bias_y_px, d.interval_bias_y_px)
+    .published(Published::Px),
     score!(Particles g in gdpt: ["sigma_z_over_h", "gdpt.sigma_z_over_h", "sigma z / h", ""], Smaller,
-        g.sigma_z_over_h, g.interval.sigma_z_over_h)
+        g.sigma_z_over_h, g.interval_sigma_z_over_h)
     .ranks(Metric::SigmaZOverH, Errors(|u| &u.z))
     .heading("z / h")
-    .criterion(),
+    .criterion()
+    .published(Published::DepthShare),
     score!(Particles c in crps: ["crps_xy_px", "crps.xy_px", "CRPS xy", "px"], Smaller,
         c.xy_px, c.interval_xy_px)
-    .ranks(Metric::CrpsXyPx, Resamples(|u, draws| resampled(&u.crps, draws, |[n, xy, _]| ratio(xy, n)))),
+    .ranks(Metric::CrpsXyPx, Resamples(|u, draws| resampled(&u.crps, draws, |[n, xy, _]| ratio(xy, n))))
+    .published(Published::Px),
     score!(Particles c in crps: ["crps_z_um", "crps.z_um", "CRPS z", "um"], Smaller,
         c.z_um, c.interval_z_um)
-        .ranks(Metric::CrpsZUm, Resamples(|u, draws| resampled(&u.crps, draws, |[n, _, z]| ratio(z, n)))),
+        .ranks(Metric::CrpsZUm, Resamples(|u, draws| resampled(&u.crps, draws, |[n, _, z]| ratio(z, n))))
+    .published(Published::Um),
     score!(Particles l in links: ["link_f1", "links.f1", "link F1", ""], Greater, l.f1, l.interval_f1)
         .ranks(
             Metric::LinkF1,
             Resamples(|u, draws| resampled(&u.links, draws, |[tp, n, m]| ratio(2.0 * tp, n + m))),
         )
         .heading("links")
-        .criterion(),
+        .criterion()
+    .published(Published::Rate),
     score!(Particles h in hota: ["hota", "hota.hota", "HOTA", ""], Greater, h.hota, h.interval_hota)
         .ranks(Metric::Hota, Resamples(hota))
         .heading("HOTA")
-        .criterion(),
-    score!(Particles c in clear: ["mota", "clear.mota", "MOTA", ""], Greater, c.mota, None),
+        .criterion()
+    .published(Published::Rate),
+    score!(Particles c in clear: ["mota", "clear.mota", "MOTA", ""], Greater, c.mota, c.interval_mota)
+    .published(Published::Rate),
     score!(Particles i in isbi: ["isbi_alpha", "isbi.alpha", "ISBI alpha", ""], Greater,
-        i.alpha, i.interval.alpha),
+        i.alpha, i.interval_alpha)
+    .published(Published::Rate),
     score!(Particles i in isbi: ["isbi_beta", "isbi.beta", "ISBI beta", ""], Greater,
-        i.beta, i.interval.beta)
+        i.beta, i.interval_beta)
         .ranks(
             Metric::IsbiBeta,
             Resamples(|u, draws| {
                 resampled(&u.isbi, draws, |[gain, length, others]| ratio(gain, length + others))
             }),
-        ),
-    score!(Particles i in isbi: ["isbi_jsc", "isbi.jsc", "ISBI JSC", ""], Greater, i.jsc, None),
+        )
+    .published(Published::Rate),
+    score!(Particles i in isbi: ["isbi_jsc", "isbi.jsc", "ISBI JSC", ""], Greater, i.jsc, i.interval_jsc)
+    .published(Published::Rate),
     score!(Particles i in isbi: ["isbi_jsc_theta", "isbi.jsc_theta", "ISBI JSC_theta", ""], Greater,
-        i.jsc_theta, None),
+        i.jsc_theta, i.interval_jsc_theta)
+    .published(Published::Rate),
     score!(Particles l in lpt: ["lpt_correct", "lpt.correct", "correct", ""], Greater,
-        l.correct, l.interval.correct)
-    .ranks(Metric::LptCorrect, Resamples(found_per_true)),
-    score!(Particles l in lpt: ["lpt_ghost", "lpt.ghost", "ghosts", ""], Smaller, l.ghost, l.interval.ghost)
+        l.correct, l.interval_correct)
+    .ranks(Metric::LptCorrect, Resamples(found_per_true))
+    .published(Published::Rate),
+    score!(Particles l in lpt: ["lpt_ghost", "lpt.ghost", "ghosts", ""], Smaller, l.ghost, l.interval_ghost)
         .ranks(
             Metric::LptGhost,
             Resamples(|u, draws| resampled(&u.detection, draws, |[tp, missed, fp]| ratio(fp, tp + missed))),
-        ),
+        )
+    .published(Published::Rate),
     score!(Particles l in lpt: ["velocity_rms_um_s", "lpt.velocity_rms_um_s", "velocity RMS", "um/s"], Smaller,
-        l.motion.velocity_rms_um_s, l.interval.velocity_rms_um_s)
+        l.motion.velocity_rms_um_s, l.interval_velocity_rms_um_s)
     .ranks(Metric::VelocityRmsUmS, Errors(|u| &u.velocity)),
     score!(Particles o in orientation: ["angle_mean_all_deg", "orientation.mean_all_deg", "mean angle of all", "deg"], Smaller,
         o.mean_all_deg, o.interval_mean_all_deg)
     .ranks(
         Metric::AngleMeanAllDeg,
         Resamples(|u, draws| resampled(&u.angles, draws, |[n, sum]| ratio(sum, n))),
-    ),
+    )
+    .published(Published::Degrees),
     score!(Field f in field: ["valid_nodes", "field.nodes.valid", "valid nodes", ""], Greater,
         f.nodes.valid, f.nodes.interval_valid)
     .ranks(
@@ -264,7 +308,8 @@ pub static SCORES: &[ScoreDef] = &[
         Resamples(|u, draws| resampled(&u.nodes, draws, |[n, _, valid, ..]| ratio(valid, n))),
     )
     .heading("nodes")
-    .criterion(),
+    .criterion()
+    .published(Published::Rate),
     score!(Field f in field: ["rms_nodes_px", "field.nodes.rms_px", "RMS at nodes", "px"], Smaller,
         f.nodes.rms_px, f.nodes.interval_rms_px)
     .ranks(
@@ -274,7 +319,8 @@ pub static SCORES: &[ScoreDef] = &[
         }),
     )
     .heading("RMS px")
-    .criterion(),
+    .criterion()
+    .published(Published::Px),
     score!(Field f in field: ["response_nodes", "field.nodes.response", "amplitude response", ""], NearOne,
         f.nodes.response, f.nodes.interval_response)
     .ranks(
@@ -291,9 +337,8 @@ pub static SCORES: &[ScoreDef] = &[
     .ranks(Metric::RmsInliersPx, Ends)
     .headline(),
     score!(Field f in field: ["modulation_u", "field.modulation_u", "amplitude response of inliers", ""], NearOne,
-        f.main.modulation_u, None)
-    .ranks(Metric::ModulationU, Ends),
-    score!(Field f in field: ["aee_px", "field.aee_px", "AEE", "px"], Smaller, f.main.aee_px, None)
+        f.main.modulation_u, None),
+    score!(Field f in field: ["aee_px", "field.aee_px", "AEE", "px"], Smaller, f.main.aee_px, f.main.interval_aee_px)
         .heading("AEE px"),
     score!(Field f in field: ["bias_u_px", "field.u.bias_px", "bias u", "px"], NearZero,
         f.main.u.bias_px, None)

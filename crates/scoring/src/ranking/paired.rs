@@ -1,8 +1,8 @@
 //! Paired comparison of two results by one score.
 //!
 //! Rates and means: the difference of the two scores over resamples of the units that both results share
-//! (`evaluate/units.rs`), each resample the same for both; a result is significantly better if the 95 %
-//! interval of the difference excludes 0. Omitting frames lowers a result in most units at once, and is
+//! (`evaluate/units.rs`), each resample the same for both; a result is significantly better if the interval
+//! of the difference excludes 0. Omitting frames lowers a result in most units at once, and is
 //! therefore significant against the complete result, regardless of the width of its own interval.
 //!
 //! Errors of found particles: the number of true particles that are nearer in one result against the number
@@ -13,12 +13,11 @@
 //! because a ratio (an error 10 % smaller) favors a result with random numbers added: of errors of 1, those that
 //! become 0.89 are 10 % smaller, but 1 is not 10 % smaller than those that become 1.11.
 //!
-//! Fewer than five units have no interval: there, a result is better if it is better in some resample and worse
-//! in none. Without units (scores of
-//! earlier versions, of different datasets, or over vectors that a result chose itself), intervals that do
-//! not overlap decide or, if an interval is undefined, the values. A result without a value is behind all
-//! results with one.
+//! Fewer than five units separate nothing. Without units (scores of earlier versions, of different datasets, or over
+//! vectors that a result chose itself), 95 % intervals that do not overlap decide. A result without a value is behind
+//! all results with one.
 
+use std::cmp::Ordering;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -27,7 +26,7 @@ use scenario::Metric;
 
 use super::Contestant;
 use super::metric::{self, Better, ScoreDef};
-use crate::evaluate::statistics::{FEWEST, Interval, draws, quantile};
+use crate::evaluate::statistics::{FEWEST, Interval, draws, quantile, tail};
 use crate::evaluate::units::MISSED;
 
 /// The resamples, made once for each number of units, so that all results share them.
@@ -91,24 +90,55 @@ impl<'a> Paired<'a> {
         Paired { compared, ..whole }
     }
 
-    /// Whether it is significantly better than another.
-    pub(super) fn is_better_than(&self, other: &Paired<'_>, draws: &Draws) -> bool {
-        let (own, others) = match (self.merit, other.merit) {
-            (Some(own), Some(others)) => (own, others),
-            (own, _) => return own.is_some() && other.merit.is_none(),
-        };
+    /// How much better it is than another.
+    pub(super) fn difference(&self, other: &Paired<'_>, draws: &Draws) -> Difference {
+        if self.merit.is_none() || other.merit.is_none() {
+            return Difference::Certain(self.merit.is_some().cmp(&other.merit.is_some()));
+        }
         match (&self.compared, &other.compared) {
             (Compared::Resampled(n, a), Compared::Resampled(m, b)) if n == m => {
                 let differences = a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b });
-                is_above_zero(*n, differences.collect())
+                Difference::resampled(*n, differences.collect())
             }
             (Compared::Errors(units, a, m), Compared::Errors(same, b, n)) if units == same => {
-                is_nearer(units, (a, b), NEARER * m.min(*n), draws)
+                nearer(units, (a, b), NEARER * m.min(*n), draws)
             }
-            _ => match self.interval.zip(other.interval) {
-                Some(([low, _], [_, high])) => low > high,
-                None => own > others,
-            },
+            _ => Difference::Certain(match self.interval.zip(other.interval) {
+                Some(([low, _], [_, high])) if low > high => Ordering::Greater,
+                Some(([_, high], [low, _])) if high < low => Ordering::Less,
+                _ => Ordering::Equal,
+            }),
+        }
+    }
+}
+
+/// The difference of two results.
+#[derive(Debug)]
+pub(super) enum Difference {
+    /// Known without resamples.
+    Certain(Ordering),
+    /// Number of units, and the difference in each resample, sorted.
+    Resampled(usize, Vec<f64>),
+}
+
+impl Difference {
+    fn resampled(units: usize, mut differences: Vec<f64>) -> Self {
+        differences.sort_unstable_by(f64::total_cmp);
+        Difference::Resampled(units, differences)
+    }
+
+    /// The sign of the difference if it is significant with a two-sided error of `level`, else `Equal`.
+    pub(super) fn significant(&self, level: f64) -> Ordering {
+        let (units, differences) = match self {
+            Difference::Certain(order) => return *order,
+            Difference::Resampled(units, _) if *units < FEWEST => return Ordering::Equal,
+            Difference::Resampled(units, differences) => (*units, differences),
+        };
+        let tail = tail(units, 0.5 * level);
+        match (quantile(differences, tail), quantile(differences, 1.0 - tail)) {
+            (Some(low), _) if low > 0.0 => Ordering::Greater,
+            (_, Some(high)) if high < 0.0 => Ordering::Less,
+            _ => Ordering::Equal,
         }
     }
 }
@@ -141,16 +171,6 @@ pub(super) fn resampled<const N: usize>(
     Some(OfResamples { units: units.len(), values })
 }
 
-/// Whether the differences over resamples of `units` units are significantly above 0: the 95 % interval is, or,
-/// for fewer than five units, some are and none is below.
-fn is_above_zero(units: usize, mut differences: Vec<f64>) -> bool {
-    differences.sort_unstable_by(f64::total_cmp);
-    if units < FEWEST {
-        return differences.first() >= Some(&0.0) && differences.last() > Some(&0.0);
-    }
-    quantile(&differences, 0.025).is_some_and(|low| low > 0.0)
-}
-
 /// Median error, from squared errors; 0 if none is known.
 fn median(squared: &[f32]) -> f32 {
     let mut found: Vec<f64> =
@@ -163,8 +183,8 @@ fn median(squared: &[f32]) -> f32 {
 /// error of both results.
 const NEARER: f32 = 0.1;
 
-/// Whether significantly more true particles are nearer by a margin in the first than in the second.
-fn is_nearer(units: &[u32], (a, b): (&[f32], &[f32]), margin: f32, draws: &Draws) -> bool {
+/// How many more true particles are nearer by a margin in the first than in the second.
+fn nearer(units: &[u32], (a, b): (&[f32], &[f32]), margin: f32, draws: &Draws) -> Difference {
     let n = units.iter().max().map_or(0, |last| *last as usize + 1);
     let mut wins = vec![0.0; n];
     // The errors are squared.
@@ -175,5 +195,5 @@ fn is_nearer(units: &[u32], (a, b): (&[f32], &[f32]), margin: f32, draws: &Draws
     }
     let of_resample =
         |counts: &Vec<u16>| counts.iter().zip(&wins).map(|(count, wins)| f64::from(*count) * wins).sum();
-    is_above_zero(n, draws.of(n).iter().map(of_resample).collect())
+    Difference::resampled(n, draws.of(n).iter().map(of_resample).collect())
 }

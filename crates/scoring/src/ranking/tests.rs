@@ -278,6 +278,30 @@ fn claims_for_easy_particles_only_are_behind_claims_for_all() {
     }
 }
 
+#[test]
+fn grids_of_points_and_a_constant_depth_are_behind() {
+    let own = genuine();
+    // Steps in gates of 2 px; six depths.
+    for gates in [1.4, 2.0, 3.0] {
+        let (step, flat) = (2.0 * gates, 3_f64.sqrt() / 2.0);
+        let at = move |i: u32, j: u32, k: u32| Position {
+            x_px: 10.0 + step * (f64::from(i) + 0.5 * f64::from(j % 2)),
+            y_px: 10.0 + step * flat * f64::from(j),
+            z_um: -40.0 + 80.0 * (f64::from(k) + 0.5) / 6.0,
+        };
+        let (columns, rows) = ((240.0 / step) as u32, (130.0 / step / flat) as u32);
+        let places = (0..columns).flat_map(|i| (0..rows).flat_map(move |j| (0..6).map(move |k| (i, j, k))));
+        let all = (0..FRAMES).flat_map(|frame| places.clone().map(move |(i, j, k)| (frame, at(i, j, k))));
+        let decoys = with_ghosts(&Points { has_z: true, ..Points::default() }, all);
+        for by in [&D3[..], &T, &[Metric::LinkF1]] {
+            assert!(is_behind(&own, &decoys, by), "{gates} {by:?}");
+        }
+    }
+    let mut flat = own.clone();
+    flat.rows.iter_mut().for_each(|row| row.at.z_um = 0.0);
+    assert!(is_behind(&own, &flat, &D3));
+}
+
 /// Only particles with small errors.
 fn without_hard(points: &Points) -> Points {
     let is_easy: Vec<bool> = points.sigma.iter().map(|sigma| sigma[0] < 0.1).collect();

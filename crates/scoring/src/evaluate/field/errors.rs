@@ -1,15 +1,18 @@
 //! Errors of a displacement field against one true field.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::compared::{ComparedVector, INLIER_PX};
 use super::ensemble::EnsembleErrors;
 use super::gradients::Gradients;
+use super::nodes::{FEW_SQUARES, block};
 use super::peak_locking::PeakLocking;
 use super::spectrum::{self, Spectrum};
 use super::vector_grid::VectorGrid;
-use crate::evaluate::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
+use crate::evaluate::statistics::{Errors, Interval, add, quantile, ratio};
 use crate::evaluate::uncertainty::Uncertainty;
 use crate::results::FlowVector;
 
@@ -124,7 +127,7 @@ pub struct FieldErrors {
     pub spectra: Vec<Spectrum>,
     /// Errors over repeated image pairs.
     pub repeated: Option<EnsembleErrors>,
-    /// 95 % bootstrap interval of AEE, resampling image pairs (vectors if fewer than ten pairs).
+    /// 95 % bootstrap interval of AEE, resampling squares of 32 px as for reference nodes.
     #[schemars(inner(range(min = 0.0)))]
     pub interval_aee_px: Interval,
     /// 95 % bootstrap interval of valid_vector_probability.
@@ -215,10 +218,6 @@ impl FieldErrors {
     }
 }
 
-/// Minimum number of image pairs for which pairs are the units of the bootstrap: errors of vectors of one
-/// pair are correlated.
-const PAIRS: usize = 10;
-
 /// Intervals of AEE, valid-vector probability, and RMS errors of u and v over inliers.
 fn intervals(valid: &[ComparedVector], vectors: &[FlowVector], seed: u64) -> [Interval; 4] {
     let of_vector = |c: &ComparedVector| {
@@ -227,21 +226,17 @@ fn intervals(valid: &[ComparedVector], vectors: &[FlowVector], seed: u64) -> [In
         [0.0, 1.0, c.endpoint(), inlier, inlier * u * u, inlier * v * v]
     };
     let total = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let bootstrap = Bootstrap { seed, pairs: false };
-    let number = |v: &FlowVector| v.pair.unwrap_or(0);
-    let mut pairs: Vec<u32> = vectors.iter().map(number).collect();
-    pairs.sort_unstable();
-    pairs.dedup();
-    let units = if pairs.len() >= PAIRS {
-        let found = valid.iter().map(|c| (number(&c.measured), of_vector(c)));
-        bootstrap.by_frame(found.chain(vectors.iter().map(|v| (number(v), total))))
-    } else {
-        let mut units: Vec<[f64; 6]> = valid.iter().map(of_vector).collect();
-        units.iter_mut().for_each(|unit| unit[0] = 1.0);
-        units.resize(vectors.len(), total);
-        units
-    };
-    bootstrap.intervals(&units, |&[n_total, n, sum, inliers, u, v]| {
+    // As for reference nodes: errors of vectors with common pixels are correlated, and those of a steady flow repeat.
+    let square = |v: &FlowVector| [block(v.at.x_px), block(v.at.y_px)];
+    let squares: BTreeSet<[u32; 2]> = vectors.iter().map(square).collect();
+    let mut units: BTreeMap<(u32, [u32; 2]), [f64; 6]> = BTreeMap::new();
+    let found = valid.iter().map(|c| (&c.measured, of_vector(c)));
+    for (v, sums) in found.chain(vectors.iter().map(|v| (v, total))) {
+        let pair = if squares.len() < FEW_SQUARES { v.pair.unwrap_or(0) } else { 0 };
+        add(units.entry((pair, square(v))).or_default(), &sums);
+    }
+    let units: Vec<[f64; 6]> = units.into_values().collect();
+    super::super::statistics::intervals(&units, seed, |&[n_total, n, sum, inliers, u, v]| {
         let root = |squares: f64| ratio(squares, inliers).map(f64::sqrt);
         [ratio(sum, n), ratio(inliers, n_total), root(u), root(v)]
     })

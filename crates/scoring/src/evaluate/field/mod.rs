@@ -77,6 +77,8 @@ pub struct ScoredField {
     pub vectors: Vec<ComparedVector>,
     /// Data for a paired comparison with other results.
     pub units: UnitScores,
+    /// Number of squares of 32 px in which a reference node is covered in any image pair.
+    pub squares_found: usize,
     /// How the truth was chosen, if this needs an explanation.
     pub notes: Vec<String>,
     /// Probable mistakes of convention.
@@ -124,7 +126,8 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
                     scored.score.n_outside, scored.score.n_reported
                 ));
             }
-            let (nodes, of_squares) = NodeErrors::of(grid, &field.vectors, facts, seed);
+            let (nodes, of_squares, found) = NodeErrors::of(grid, &field.vectors, facts, seed);
+            scored.squares_found = found;
             scored.score.nodes = nodes;
             scored.units.nodes = of_squares;
             if scored.score.nodes.spread_px.is_some_and(|spread| spread < UNIFORM_PX) {

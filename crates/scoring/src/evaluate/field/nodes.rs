@@ -11,14 +11,14 @@
 //!
 //! A result without image pairs counts for all of them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::compared::INLIER_PX;
 use super::true_field::{TrueField, index};
-use crate::evaluate::statistics::{Bootstrap, Interval, ratio};
+use crate::evaluate::statistics::{Interval, intervals, ratio};
 use crate::results::FlowVector;
 use dataset::RecordingFacts;
 
@@ -28,18 +28,15 @@ const MARGIN_PX: f64 = 32.0;
 const WIDEST_PX: f64 = 33.0;
 /// Largest distance of a node from a vector that is not on a grid, px.
 const NEAR_PX: f64 = 8.0;
-/// Side of the squares of nodes that the bootstrap resamples if there are few image pairs, px: errors within
-/// a window are correlated.
+/// Side of the squares of nodes that the bootstrap resamples, px: errors within a window are correlated.
 const BLOCK_PX: f64 = 32.0;
 /// Fewer squares than this are units of each image pair by itself.
-const FEW_SQUARES: usize = 30;
+pub(super) const FEW_SQUARES: usize = 30;
 /// Largest error of a valid node in units of the RMS of the true displacement about its mean: a constant
 /// field must not be valid.
 const GATE_OF_SPREAD: f64 = 0.5;
 /// Minimum gate of valid nodes, px: an error that PIV achieves in a nearly uniform flow.
 const LEAST_GATE_PX: f64 = 0.2;
-/// Minimum number of image pairs for which pairs are the units of the bootstrap.
-const PAIRS: usize = 10;
 
 /// Scores at the reference nodes: the nodes of the truth at least 32 px from the border of the image, in
 /// every image pair, whether or not the result has vectors there.
@@ -68,7 +65,8 @@ pub struct NodeErrors {
     /// Amplitude response over all reference nodes: Σ d · d_true / Σ d_true², with d = 0 for a missing
     /// displacement.
     pub response: Option<f64>,
-    /// 95 % bootstrap interval of valid, resampling image pairs (squares of 32 px if fewer than ten pairs).
+    /// 95 % bootstrap interval of valid, resampling squares of 32 px (of all image pairs together, unless these are fewer
+    /// than 30).
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_valid: Interval,
     /// 95 % bootstrap interval of rms_px.
@@ -84,13 +82,14 @@ type Sums = [f64; 6];
 impl NodeErrors {
     /// Scores the vectors of a result at the reference nodes of the truth.
     ///
-    /// Also gives the sums over squares of nodes, for paired comparisons.
+    /// Also gives the sums over squares of nodes, for paired comparisons, and the number of squares in which a node
+    /// is covered in any pair.
     pub(super) fn of(
         truth: &TrueField,
         vectors: &[FlowVector],
         facts: &RecordingFacts,
         seed: u64,
-    ) -> (Self, Vec<Sums>) {
+    ) -> (Self, Vec<Sums>, usize) {
         let pairs = pairs(truth, vectors, facts);
         let (columns, rows) = truth.nodes();
         let (columns, rows) =
@@ -102,7 +101,7 @@ impl NodeErrors {
         let blocks = |axis: &[f64]| axis.chunk_by(|a, b| block(*a) == block(*b)).count();
         let is_by_pair = blocks(columns) * blocks(rows) < FEW_SQUARES;
         let mut squares: BTreeMap<[u32; 3], Sums> = BTreeMap::new();
-        let mut units: BTreeMap<[u32; 3], Sums> = BTreeMap::new();
+        let mut covered: BTreeSet<[u32; 2]> = BTreeSet::new();
         // One field for all pairs is interpolated once.
         let common = vectors.iter().all(|v| v.pair.is_none()).then(|| Interpolated::new(vectors.iter()));
         for (k, &pair) in pairs.iter().enumerate() {
@@ -118,19 +117,15 @@ impl NodeErrors {
             for &y_px in rows {
                 for &x_px in columns {
                     let Some([u, v, _]) = truth.of_pair(pair, x_px, y_px) else { continue };
-                    let key = match pairs.len() >= PAIRS {
-                        true => [k as u32, 0, 0],
-                        false => [k as u32, block(x_px), block(y_px)],
-                    };
-                    let of_node = sums([u, v], found.at(x_px, y_px), gate_px);
+                    let displacement = found.at(x_px, y_px);
+                    covered.extend(displacement.map(|_| [block(x_px), block(y_px)]));
+                    let of_node = sums([u, v], displacement, gate_px);
                     let square = [if is_by_pair { k as u32 } else { 0 }, block(x_px), block(y_px)];
-                    for sums in [units.entry(key).or_default(), squares.entry(square).or_default()] {
-                        sums.iter_mut().zip(of_node).for_each(|(s, new)| *s += new);
-                    }
+                    squares.entry(square).or_default().iter_mut().zip(of_node).for_each(|(s, new)| *s += new);
                 }
             }
         }
-        let units: Vec<Sums> = units.into_values().collect();
+        let units: Vec<Sums> = squares.into_values().collect();
         let mut total = [0.0; 6];
         units.iter().for_each(|unit| total.iter_mut().zip(unit).for_each(|(s, new)| *s += new));
         let scores = |&[n, _, valid, squares, product, truth]: &Sums| {
@@ -138,7 +133,7 @@ impl NodeErrors {
         };
         let [valid, rms_px, response] = scores(&total);
         let [interval_valid, interval_rms_px, interval_response] =
-            Bootstrap { seed, pairs: false }.intervals(&units, scores);
+            intervals(&units, seed, scores);
         let score = NodeErrors {
             n: total[0] as usize,
             spread_px,
@@ -151,12 +146,12 @@ impl NodeErrors {
             interval_rms_px,
             interval_response,
         };
-        (score, squares.into_values().collect())
+        (score, units, covered.len())
     }
 }
 
 /// The square of a position along an axis.
-fn block(at_px: f64) -> u32 {
+pub(super) fn block(at_px: f64) -> u32 {
     (at_px / BLOCK_PX) as u32
 }
 
