@@ -14,6 +14,8 @@ mod write;
 pub use columns::{Columns, MISSING, Values};
 pub use read::{Record, TableReader, read_rows};
 pub use recording::{LARGEST_UM, RecordingFacts};
-pub use rows::{BoxRow, CalibrationRow, DepthRow, DisplacementRow, FieldRow, FrameRow, PlaneRow, TrackRow};
+pub use rows::{
+    BoxRow, CalibrationRow, DepthRow, DisplacementRow, FieldRow, FrameRow, PlaneRow, TrackRow, TrueFlow,
+};
 pub use table::{Cell, Cells, Column, Row, Table};
 pub use write::{TableWriter, write_table};

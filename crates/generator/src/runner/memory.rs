@@ -16,6 +16,7 @@ use super::progress::Progress;
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::manifest::{bit_depth, manifest};
+use crate::dataset::truth::field::ScenarioFlow;
 use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
 use dataset::manifest::{MANIFEST, Manifest, Resource, resource};
 use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow};
@@ -163,6 +164,14 @@ impl MemoryDataset {
     /// None for a resolved scenario.
     pub fn field(&self) -> Result<Option<Vec<FieldRow>>> {
         Ok(field::in_memory(&self.scenario, self.scan()?).map(|(_, rows)| rows))
+    }
+
+    /// The flow, if the scenario has `truth/field.csv`.
+    ///
+    /// # Errors
+    /// None for a resolved scenario.
+    pub fn flow(&self) -> Result<Option<ScenarioFlow>> {
+        ScenarioFlow::new(Arc::clone(&self.scenario), Some(self.scan()?))
     }
 
     /// The manifest, which lists images and tracks only.

@@ -58,7 +58,8 @@ impl Truth {
         }
         if is_field {
             let limits = measurement::limits(path, &facts)?;
-            truth.fields = Some(true_field::of_recording(path, facts.clone(), options.plane_um)?);
+            let fields = true_field::of_recording(path, facts.clone(), options.plane_um)?;
+            truth.fields = Some(fields.with_flow(true_field::flow_of_dataset(path, &options.context)));
             return Ok((Truth { facts, ..truth }, limits));
         }
         if facts.is_recording {
@@ -111,9 +112,7 @@ impl Truth {
         let facts = measurement::with_given(facts, &options.conventions);
         let mut truth = Truth { scenario: Some(Arc::clone(made.scenario())), ..Truth::default() };
         if is_field {
-            let rows = made.field()?.ok_or_else(|| Error::input(NO_FIELDS))?;
-            let rows = true_field::Source::Memory(&rows);
-            truth.fields = Some(true_field::of_rows(rows, facts.clone(), options.plane_um)?);
+            truth.fields = Some(true_field::of_memory(made, facts.clone(), options.plane_um)?);
         } else {
             truth.particles = Some(TrueParticles::of_rows(facts.clone(), made.tracks(), &made.frames())?);
             truth.boxes = made.boxes();
@@ -121,8 +120,6 @@ impl Truth {
         Ok((Truth { facts, ..truth }, Limits::default()))
     }
 }
-
-const NO_FIELDS: &str = "this dataset has no true displacement field; score particles";
 
 /// Scores a result file against a dataset's folder or a bare table of the truth.
 ///

@@ -8,8 +8,11 @@
 //! peak, or the curvature of the autocorrelation at its peak, times the square of the illumination at that
 //! depth. The number density is assumed to be uniform over depth.
 
+use std::path::Path;
+use std::sync::Arc;
+
 use dataset::rows::{BACKWARD, WEIGHTED, WINDOW};
-use dataset::{FieldRow, Row, Table, TableWriter};
+use dataset::{FieldRow, Row, Table, TableWriter, TrueFlow};
 use flows::VelocityField;
 use flows::eulerian::{backward, central, forward};
 use flows::scale::ImagePoint;
@@ -17,6 +20,8 @@ use glam::DVec3;
 use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 use rayon::prelude::*;
 
+use crate::dataset::secret;
+use microsig_core::render::Context;
 use microsig_core::visibility::{DepthScan, ScanImage};
 use scenario::{Nodes, Scenario, Weighting};
 use storage::OutputFolder;
@@ -46,6 +51,11 @@ pub(super) fn weights(stack: &DepthScan, weighting: Weighting) -> Vec<f64> {
     stack.images.iter().enumerate().map(|(k, spot)| ends(k) * weight(spot)).collect()
 }
 
+/// The depths of a scan (um) with their weights at illumination 1.
+fn depths(stack: &DepthScan, weighting: Weighting) -> Vec<(f64, f64)> {
+    stack.depths_um.iter().copied().zip(weights(stack, weighting)).collect()
+}
+
 /// The weights at the given illumination, normalized to a sum of 1; a weight is proportional to the square of
 /// the illumination.
 pub(super) fn normalized(weights: &[f64], light: impl Iterator<Item = f64>) -> Vec<f64> {
@@ -57,6 +67,63 @@ pub(super) fn normalized(weights: &[f64], light: impl Iterator<Item = f64>) -> V
 /// Grid and flow of a scenario that has both.
 fn grid(scenario: &Scenario) -> Option<(Nodes, &dyn VelocityField)> {
     Some((scenario.truth_grid()?, scenario.field()?))
+}
+
+/// The flow of a scenario, which gives the displacements of `truth/field.csv` at any position.
+#[derive(Debug)]
+pub struct ScenarioFlow {
+    scenario: Arc<Scenario>,
+    nodes: Nodes,
+    depths: Vec<(f64, f64)>,
+    intervals: Vec<(Option<u32>, (f64, f64))>,
+}
+
+impl ScenarioFlow {
+    /// The flow of a scenario; `None` if it has no true field. `scan` is that of the mean diameter
+    /// ([`Scenario::scan_of_mean`]), which is made if it is needed.
+    ///
+    /// # Errors
+    /// Depths at which the particle cannot be rendered.
+    pub fn new(scenario: Arc<Scenario>, scan: Option<&DepthScan>) -> Result<Option<Self>> {
+        let Some((nodes, field)) = grid(&scenario) else { return Ok(None) };
+        let depths = match scan {
+            _ if nodes.weighting == Weighting::None => Vec::new(),
+            Some(scan) => depths(scan, nodes.weighting),
+            None => depths(&scenario.scan_of_mean()?, nodes.weighting),
+        };
+        let (intervals, nodes) =
+            (intervals(&scenario, field), Nodes { window_px: None, backward: false, ..nodes });
+        Ok(Some(ScenarioFlow { scenario, nodes, depths, intervals }))
+    }
+
+    /// The flow of the scenario in a dataset's folder, at the times of its frames.
+    ///
+    /// # Errors
+    /// A scenario that cannot be read or resolved.
+    pub fn of_dataset(dataset: &Path, context: &Context) -> Result<Option<Self>> {
+        let (mut scenario, _) = scenario::of_dataset(dataset, context)?;
+        // Jitter of the times is random.
+        if let Some(streams) = secret::streams(dataset)? {
+            scenario.streams = streams;
+        }
+        ScenarioFlow::new(Arc::new(scenario), None)
+    }
+}
+
+impl TrueFlow for ScenarioFlow {
+    fn row(&self, pair: Option<u32>, [x_px, y_px, z_um]: [f64; 3], is_weighted: bool) -> FieldRow {
+        let at = FieldRow { pair, x_px, y_px, z_um, mask: true, ..FieldRow::default() };
+        let interval = match &self.intervals[..] {
+            [(None, interval)] => Some(interval),
+            all => all.binary_search_by_key(&pair, |(of, _)| *of).ok().map(|k| &all[k].1),
+        };
+        let (Some(interval), Some(field)) = (interval, self.scenario.field()) else { return at };
+        let truth = Truth { scenario: &self.scenario, field, nodes: &self.nodes, depths: &self.depths };
+        let node = truth.node(truth.position(x_px, y_px, z_um), *interval);
+        let weighted =
+            if is_weighted && !node.mask { truth.weighted((x_px, y_px), *interval) } else { UNDEFINED };
+        NodeColumn { planes: vec![node], weighted }.row(0, at)
+    }
 }
 
 /// Writes the table into a dataset's folder, one pair after the other.
@@ -86,8 +153,9 @@ fn pairs<'a>(
     nodes: &'a Nodes,
     stack: &'a DepthScan,
 ) -> impl Iterator<Item = Vec<FieldRow>> + 'a {
-    let truth = Truth { scenario, field, nodes, stack, weights: weights(stack, nodes.weighting) };
+    let depths = depths(stack, nodes.weighting);
     intervals(scenario, field).into_iter().map(move |(pair, interval)| {
+        let truth = Truth { scenario, field, nodes, depths: &depths };
         let (across, down) = (nodes.x_px.len(), nodes.y_px.len());
         let place = |i: usize| (nodes.x_px[i % across], nodes.y_px[i / across]);
         let columns: Vec<NodeColumn> =
@@ -186,25 +254,27 @@ struct Truth<'a> {
     scenario: &'a Scenario,
     field: &'a dyn VelocityField,
     nodes: &'a Nodes,
-    stack: &'a DepthScan,
-    weights: Vec<f64>,
+    /// Depths (um) and their weights at illumination 1.
+    depths: &'a [(f64, f64)],
 }
 
 impl Truth<'_> {
     fn column(&self, (x_px, y_px): (f64, f64), interval: (f64, f64)) -> NodeColumn {
         let planes =
             self.nodes.planes_um.iter().map(|&z| self.node(self.position(x_px, y_px, z), interval)).collect();
-        let weighted = if self.nodes.weighting == Weighting::None {
-            UNDEFINED
-        } else {
-            let depths = self.stack.depths_um.iter().zip(&self.weights);
-            mean(depths.map(|(&z, &weight)| {
-                let position = self.position(x_px, y_px, z);
-                let light = self.scenario.illumination.at(position);
-                (weight * light * light, self.central(position, interval))
-            }))
-        };
-        NodeColumn { planes, weighted }
+        NodeColumn { planes, weighted: self.weighted((x_px, y_px), interval) }
+    }
+
+    /// The central displacement averaged over depth; NaN without weights.
+    fn weighted(&self, (x_px, y_px): (f64, f64), interval: (f64, f64)) -> Displacement {
+        if self.nodes.weighting == Weighting::None {
+            return UNDEFINED;
+        }
+        mean(self.depths.iter().map(|&(z, weight)| {
+            let position = self.position(x_px, y_px, z);
+            let light = self.scenario.illumination.at(position);
+            (weight * light * light, self.central(position, interval))
+        }))
     }
 
     fn node(&self, x: DVec3, interval: (f64, f64)) -> Node {

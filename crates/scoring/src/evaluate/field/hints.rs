@@ -1,7 +1,7 @@
 //! Detects probable mistakes of convention in a field: sign of v, origin of the positions.
 
 use super::compared::{ComparedVector, INLIER_PX};
-use super::true_field::TrueField;
+use super::true_field::{TrueField, TrueFields};
 use crate::evaluate::hint::Hint;
 use crate::evaluate::statistics::quantile;
 use crate::results::{FlowVector, Position};
@@ -10,7 +10,7 @@ use crate::results::{FlowVector, Position};
 const FEWEST: usize = 10;
 
 /// Probable mistakes, each with the RMS error it would have without the mistake.
-pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &TrueField) -> Vec<Hint> {
+pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], truth: &TrueFields) -> Vec<Hint> {
     if vectors.is_empty() {
         let what = "the result is empty: no vector is scored; was it written to another file?";
         return vec![Hint::new(what, "")];
@@ -39,14 +39,16 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
         hints.push(Hint { rms_px: Some(rms(&flipped)), rms_px_now: Some(now), ..hint });
     }
     hints.extend(no_better_than_zeros(compared).filter(|_| hints.is_empty()));
-    let Some((shift, sure)) = offset(compared, grid) else { return hints };
+    // Splines between the nodes suffice for gradients.
+    let shift = truth.fields.first().and_then(|(_, grid)| offset(compared, grid));
+    let Some((shift, sure)) = shift else { return hints };
     let moved = |by: f64| -> Vec<ComparedVector> {
-        let valid = vectors.iter().filter(|v| v.flag == 0);
-        valid
-            .filter_map(|v| {
-                let at = Position { x_px: v.at.x_px + by, y_px: v.at.y_px + by, ..v.at };
-                Some(ComparedVector { measured: *v, truth: grid.at(&FlowVector { at, ..*v })? })
-            })
+        let valid: Vec<FlowVector> = (vectors.iter().filter(|v| v.flag == 0))
+            .map(|v| FlowVector { at: Position { x_px: v.at.x_px + by, y_px: v.at.y_px + by, ..v.at }, ..*v })
+            .collect();
+        let truth = truth.at(&valid).into_iter().next().unwrap_or_default();
+        (valid.into_iter().zip(truth))
+            .filter_map(|(measured, truth)| Some(ComparedVector { measured, truth: truth? }))
             .filter(|c| c.endpoint() < INLIER_PX)
             .collect()
     };

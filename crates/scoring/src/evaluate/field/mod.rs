@@ -1,13 +1,15 @@
 //! Scores of displacement fields (PIV): every vector is compared with the true displacement at its position.
 //!
-//! The true field is interpolated bilinearly between the nodes of `truth/field.csv`; if it has several
-//! planes, one is chosen (`true_field.rs`). Errors are result - truth over valid vectors (flag 0);
+//! The true displacement is computed from the flow of the scenario; without it, it is interpolated between
+//! the nodes of `truth/field.csv` by cubic splines. If there are several planes, one is chosen
+//! (`true_field.rs`). Errors are result - truth over valid vectors (flag 0);
 //! interpolated vectors (flag 2) are only counted. Definitions: docs/scoring.md.
 
 mod compared;
 mod ensemble;
 mod errors;
 mod gradients;
+mod grid_spline;
 mod hints;
 mod nodes;
 mod peak_locking;
@@ -36,6 +38,12 @@ use true_field::{Displacement, TrueFields};
 /// RMS of the true displacement about its mean below which a flow is uniform, px.
 const UNIFORM_PX: f64 = 0.05;
 
+/// Largest error of an interpolated truth that does not matter, as a share of that of the vectors: it adds
+/// 3 % to their RMS error.
+const SMALL_SHARE: f64 = 0.25;
+/// Error of an interpolated truth that never matters, px: far below the noise of any image.
+const NEGLIGIBLE_PX: f64 = 1e-3;
+
 /// Scores of a displacement field: errors against the main truth at this level, against every truth under
 /// `truths`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -59,6 +67,10 @@ pub struct FieldScore {
     pub plane_um: Option<f64>,
     /// The main truth: central, forward or weighted (by depth).
     pub against: String,
+    /// Estimated RMS error of the main truth at the positions of valid vectors; 0 where it is computed from the
+    /// flow of the scenario or at nodes, null if a truth is interpolated between too few nodes for an estimate.
+    #[schemars(range(min = 0.0))]
+    pub interpolation_error_px: Option<f64>,
     /// Scores at reference nodes, independent of the positions of the vectors in the result.
     pub nodes: NodeErrors,
     /// Errors against the main truth.
@@ -87,9 +99,25 @@ pub struct ScoredField {
     pub warnings: Vec<String>,
 }
 
+/// A warning if the error of an interpolated truth is not small compared with that of the result.
+fn coarse_truth(score: &FieldScore) -> Option<String> {
+    let interpolated = "the truth is interpolated between its nodes";
+    let Some(own) = score.interpolation_error_px else {
+        return Some(format!("{interpolated}, which are too few to estimate the error of this"));
+    };
+    let [u, v] = [&score.main.u_inliers, &score.main.v_inliers].map(|e| e.rms_px.unwrap_or(0.0));
+    // The error of the vectors is not quoted: of a withheld truth, it would tell the truth.
+    (own > (SMALL_SHARE * u.hypot(v)).max(NEGLIGIBLE_PX)).then(|| {
+        format!(
+            "{interpolated} with an estimated error of {own:.3} px, which is not small compared with that of the vectors: the \
+             nodes are too coarse for this result"
+        )
+    })
+}
+
 /// Scores a field against true fields; `seed` is that of the bootstrap.
 pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
-    let TrueFields { fields: truths, plane_um, facts, note } = truth;
+    let TrueFields { fields: truths, plane_um, facts, note, .. } = truth;
     let is_there = |v: &FlowVector| v.pair.is_none_or(|pair| facts.has_pair(pair));
     let count = |flag: u8| field.vectors.iter().filter(|v| v.flag == flag).count();
     let n_total = field.vectors.len();
@@ -103,14 +131,16 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
             ..FieldScore::default()
         },
         notes: note.iter().cloned().collect(),
+        warnings: truth.warning.iter().cloned().collect(),
         ..ScoredField::default()
     };
-    for (i, (kind, grid)) in truths.iter().enumerate() {
+    let there: Vec<FlowVector> = field.vectors.iter().copied().filter(is_there).collect();
+    for (i, ((kind, grid), moved)) in truths.iter().zip(truth.at(&there)).enumerate() {
         let name = kind.map_or("truth", Displacement::name);
         // Positions without a truth, such as inside a body, are not scored.
-        let there = field.vectors.iter().filter(|v| is_there(v));
-        let asked: Vec<ComparedVector> =
-            there.filter_map(|v| Some(ComparedVector { measured: *v, truth: grid.at(v)? })).collect();
+        let asked: Vec<ComparedVector> = (there.iter().zip(moved))
+            .filter_map(|(v, moved)| Some(ComparedVector { measured: *v, truth: moved? }))
+            .collect();
         let compared: Vec<ComparedVector> = asked.iter().copied().filter(|c| c.measured.flag != 1).collect();
         let asked: Vec<FlowVector> = asked.into_iter().map(|c| c.measured).collect();
         let against = FieldErrors::of(&compared, &asked, seed);
@@ -121,8 +151,9 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
             if 10 * scored.score.n_outside > scored.score.n_reported {
                 let pairs =
                     if grid.needs_pairs() { ", or the file does not give their image pair" } else { "" };
+                let place = if truth.has_flow() { "the image or the fluid" } else { "its grid" };
                 scored.warnings.push(format!(
-                    "{} of {} valid vectors have no truth: they lie outside its grid{pairs}",
+                    "{} of {} valid vectors have no truth: they lie outside {place}{pairs}",
                     scored.score.n_outside, scored.score.n_reported
                 ));
             }
@@ -137,7 +168,11 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
                         .to_owned(),
                 );
             }
-            scored.hints = hints::hints(&field.vectors, &compared, grid);
+            scored.hints = hints::hints(&field.vectors, &compared, truth);
+            let valid: Vec<FlowVector> =
+                compared.iter().map(|c| c.measured).filter(|v| v.flag == 0).collect();
+            scored.score.interpolation_error_px = truth.interpolation_error_px(&valid);
+            scored.warnings.extend(coarse_truth(&scored.score));
             scored.vectors = compared;
         }
         scored.score.truths.insert(name.to_owned(), against);

@@ -5,8 +5,9 @@
 //! or height, if that is less), in every image pair, so that windows of up to 64 px reach them all. The
 //! displacement there is interpolated between the valid vectors (flag 0) of the result:
 //!
-//! - on a grid bilinearly, if the surrounding vectors are at most 33 px apart and the valid ones have at
-//!   least half of the weight; a vector at the edge of the grid also covers half a spacing beyond it;
+//! - on a grid by cubic splines between four valid vectors at most 33 px apart; where some of the four are
+//!   not valid, bilinearly between the others, if these have at least half of the weight; a vector at the edge
+//!   of the grid also covers half a spacing beyond it;
 //! - otherwise by the nearest vector within 8 px.
 //!
 //! A result without image pairs counts for all of them.
@@ -17,6 +18,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::compared::INLIER_PX;
+use super::grid_spline::GridSpline;
 use super::true_field::{TrueField, index};
 use crate::evaluate::statistics::{Interval, intervals, ratio};
 use crate::results::FlowVector;
@@ -206,8 +208,8 @@ fn inner(axis: &[f64], size_px: Option<f64>) -> &[f64] {
 
 /// The valid vectors of an image pair, with interpolation.
 enum Interpolated {
-    /// On a grid: x of columns, y of rows, displacements row by row.
-    Grid(Vec<f64>, Vec<f64>, Vec<Option<[f64; 2]>>),
+    /// On a grid: x of columns, y of rows, displacements row by row, the spline through them.
+    Grid(Vec<f64>, Vec<f64>, Vec<[f64; 2]>, GridSpline<2>),
     /// Scattered: position and displacement by squares of 8 px.
     Scattered(BTreeMap<(i64, i64), Vec<[f64; 4]>>),
 }
@@ -225,12 +227,13 @@ impl Interpolated {
         let cells = x_px.len() * y_px.len();
         // A grid is mostly full; scattered vectors would each have a column and a row of their own.
         if cells <= 4 * vectors.clone().count() {
-            let mut moved = vec![None; cells];
+            let mut moved = vec![[f64::NAN; 2]; cells];
             for v in valid {
                 let (i, j) = (index(&x_px, v.at.x_px), index(&y_px, v.at.y_px));
-                moved[j * x_px.len() + i] = Some([v.moved[0], v.moved[1]]);
+                moved[j * x_px.len() + i] = [v.moved[0], v.moved[1]];
             }
-            return Interpolated::Grid(x_px, y_px, moved);
+            let spline = GridSpline::new(&x_px, &y_px, &moved);
+            return Interpolated::Grid(x_px, y_px, moved, spline);
         }
         let mut squares: BTreeMap<(i64, i64), Vec<[f64; 4]>> = BTreeMap::new();
         for v in valid {
@@ -243,8 +246,11 @@ impl Interpolated {
     /// The displacement at a position; `None` where there are too few valid vectors.
     fn at(&self, x_px: f64, y_px: f64) -> Option<[f64; 2]> {
         match self {
-            Interpolated::Grid(columns, rows, moved) => {
+            Interpolated::Grid(columns, rows, moved, spline) => {
                 let ((i, s), (j, t)) = (between(columns, x_px)?, between(rows, y_px)?);
+                if let Some(found) = spline.at(inside(columns, x_px), inside(rows, y_px)) {
+                    return Some(found);
+                }
                 let (mut sum, mut weights) = ([0.0; 2], 0.0);
                 for (row, v) in [(j, 1.0 - t), (j + 1, t)] {
                     for (column, h) in [(i, 1.0 - s), (i + 1, s)] {
@@ -252,7 +258,10 @@ impl Interpolated {
                         if weight == 0.0 {
                             continue;
                         }
-                        let Some(d) = moved[row * columns.len() + column] else { continue };
+                        let d = moved[row * columns.len() + column];
+                        if d[0].is_nan() {
+                            continue;
+                        }
                         weights += weight;
                         sum.iter_mut().zip(d).for_each(|(s, d)| *s += weight * d);
                     }
@@ -270,6 +279,11 @@ impl Interpolated {
             }
         }
     }
+}
+
+/// The position on an axis that is nearest to `at`.
+fn inside(axis: &[f64], at: f64) -> f64 {
+    at.clamp(axis[0], axis[axis.len() - 1])
 }
 
 fn square(at_px: f64) -> i64 {

@@ -1,12 +1,19 @@
-//! The true field: displacements on a grid, one for each image pair or one for all, with bilinear
-//! interpolation.
+//! The true field: displacements at any position from the flow, or from values on a grid, one for each image
+//! pair or one for all, by cubic splines.
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::{Arc, OnceLock};
 
+use super::grid_spline::GridSpline;
+use crate::evaluate::statistics::ratio;
 use crate::results::{Conventions, FlowVector, Position, read_field};
-use dataset::{FieldRow, RecordingFacts, Row, TableReader};
-use generator::runner::DatasetPlace;
+use dataset::{FieldRow, RecordingFacts, Row, TableReader, TrueFlow};
+use generator::dataset::truth::field::ScenarioFlow;
+use generator::runner::{DatasetPlace, MemoryDataset};
+use microsig_core::render::Context;
+use rayon::prelude::*;
+use scenario::SCENARIO;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use storage::error::{Error, Result};
@@ -16,8 +23,18 @@ use storage::error::{Error, Result};
 pub struct TrueField {
     x_px: Vec<f64>,
     y_px: Vec<f64>,
-    pairs: BTreeMap<Option<u32>, Vec<[f64; 3]>>,
+    pairs: BTreeMap<Option<u32>, Nodes>,
 }
+
+/// Displacements at the nodes, row by row, NaN where the truth is masked, and the spline through them.
+#[derive(Debug)]
+struct Nodes {
+    values: Vec<[f64; 3]>,
+    spline: OnceLock<GridSpline<3>>,
+}
+
+/// Largest number of image pairs whose interpolation error is estimated.
+const PAIRS: usize = 10;
 
 impl TrueField {
     pub(super) fn new(nodes: &[FlowVector]) -> Self {
@@ -34,8 +51,9 @@ impl TrueField {
         if size <= 100 * nodes.len() + 1000 {
             for node in nodes {
                 let (i, j) = (index(&grid.x_px, node.at.x_px), index(&grid.y_px, node.at.y_px));
-                let values = grid.pairs.entry(node.pair).or_insert_with(|| vec![[f64::NAN; 3]; size]);
-                values[j * grid.x_px.len() + i] = node.moved;
+                let empty = || Nodes { values: vec![[f64::NAN; 3]; size], spline: OnceLock::new() };
+                grid.pairs.entry(node.pair).or_insert_with(empty).values[j * grid.x_px.len() + i] =
+                    node.moved;
             }
         }
         grid
@@ -61,44 +79,70 @@ impl TrueField {
         self.pairs.keys().copied()
     }
 
+    /// The image pair whose truth a vector has, which is `None` for a truth of all pairs; `None` without truth.
+    fn pair_of(&self, vector: &FlowVector) -> Option<Option<u32>> {
+        let own = [vector.pair, None].into_iter().find(|pair| self.pairs.contains_key(pair));
+        let single =
+            || self.pairs.keys().next().copied().filter(|_| vector.pair.is_none() && !self.needs_pairs());
+        own.or_else(single)
+    }
+
     /// The true displacement of an image pair at a position, as [`TrueField::at`].
     pub fn of_pair(&self, pair: Option<u32>, x_px: f64, y_px: f64) -> Option<[f64; 3]> {
         let at = Position { x_px, y_px, ..Position::default() };
         self.at(&FlowVector { pair, at, ..FlowVector::default() })
     }
 
-    /// The true displacement [px, px, um] at the position of a vector; `None` outside the grid or where the
-    /// truth is masked.
+    /// The true displacement [px, px, um] at the position of a vector, interpolated between the nodes by cubic
+    /// splines; `None` outside the grid and in cells with a masked node.
     pub fn at(&self, vector: &FlowVector) -> Option<[f64; 3]> {
-        let single = (self.pairs.len() == 1).then(|| self.pairs.values().next()).flatten();
-        let values = self
-            .pairs
-            .get(&vector.pair)
-            .or(self.pairs.get(&None))
-            .or(single.filter(|_| vector.pair.is_none()))?;
-        let place = |axis: &[f64], v: f64| {
-            let (first, last) = (*axis.first()?, *axis.last()?);
-            if v < first || v > last {
+        let Nodes { values, spline } = &self.pairs[&self.pair_of(vector)?];
+        let spline = spline.get_or_init(|| GridSpline::new(&self.x_px, &self.y_px, values));
+        spline.at(vector.at.x_px, vector.at.y_px).filter(|moved| moved[1].is_finite())
+    }
+
+    /// Whether a vector is at a node, where nothing is interpolated.
+    fn is_node(&self, at: Position) -> bool {
+        self.x_px.binary_search_by(|x| x.total_cmp(&at.x_px)).is_ok()
+            && self.y_px.binary_search_by(|y| y.total_cmp(&at.y_px)).is_ok()
+    }
+
+    /// Estimated RMS error of interpolation between the nodes, px: every second node of each row and column
+    /// predicts the others. Splines of half the spacing have a sixteenth of this error where the nodes resolve
+    /// the field, and where they do not, no less; which is the case follows from the same at twice the spacing.
+    /// `None` with too few nodes.
+    fn interpolation_error_px(&self) -> Option<f64> {
+        let every = |step: usize| -> Option<f64> {
+            let axis = |nodes: &[f64]| nodes.iter().copied().step_by(step).collect::<Vec<f64>>();
+            let (x_px, y_px) = (axis(&self.x_px), axis(&self.y_px));
+            let (columns, half) = (self.x_px.len(), step / 2);
+            // A line of fewer than four nodes has no spline.
+            if x_px.len().min(y_px.len()) < 4 {
                 return None;
             }
-            let i = (index(axis, v).max(1) - 1).min(axis.len().saturating_sub(2));
-            let next = (i + 1).min(axis.len() - 1);
-            let share = if next > i { (v - axis[i]) / (axis[next] - axis[i]) } else { 0.0 };
-            Some((i, next, share))
-        };
-        let (i, i1, s) = place(&self.x_px, vector.at.x_px)?;
-        let (j, j1, t) = place(&self.y_px, vector.at.y_px)?;
-        let mut sum = [0.0; 3];
-        for (row, column, weight) in
-            [(j, i, (1.0 - s) * (1.0 - t)), (j, i1, s * (1.0 - t)), (j1, i, (1.0 - s) * t), (j1, i1, s * t)]
-        {
-            // A masked node with weight 0 does not matter: 0 * NaN would be NaN.
-            if weight != 0.0 {
-                let value = values[row * self.x_px.len() + column];
-                sum.iter_mut().zip(value).for_each(|(s, v)| *s += weight * v);
+            let (mut squares, mut n) = (0.0, 0.0);
+            for Nodes { values, .. } in self.pairs.values().step_by(self.pairs.len().div_ceil(PAIRS)) {
+                let known: Vec<[f64; 3]> = (0..self.y_px.len())
+                    .step_by(step)
+                    .flat_map(|j| (0..columns).step_by(step).map(move |i| values[j * columns + i]))
+                    .collect();
+                let spline = GridSpline::new(&x_px, &y_px, &known);
+                for (j, y) in self.y_px.iter().enumerate().step_by(half) {
+                    for (i, x) in self.x_px.iter().enumerate().step_by(half) {
+                        let value = values[j * columns + i];
+                        let is_new = i % step != 0 || j % step != 0;
+                        if let Some(found) = spline.at(*x, *y).filter(|_| is_new && value[0].is_finite()) {
+                            squares += (found[0] - value[0]).powi(2) + (found[1] - value[1]).powi(2);
+                            n += 1.0;
+                        }
+                    }
+                }
             }
-        }
-        (sum[0].is_finite() && sum[1].is_finite()).then_some(sum)
+            ratio(squares, n).map(f64::sqrt)
+        };
+        let coarse = every(2)?;
+        let gain = every(4).and_then(|coarser| ratio(coarse, coarser)).unwrap_or(1.0);
+        Some(coarse * gain.clamp(1.0 / 16.0, 1.0))
     }
 }
 
@@ -138,6 +182,11 @@ impl Displacement {
         }
     }
 
+    /// At a position that is not masked [px, px, um].
+    fn at(self, row: &FieldRow) -> Option<[f64; 3]> {
+        Some(self.of(row)).filter(|[u, v, _]| !row.mask && u.is_finite() && v.is_finite())
+    }
+
     /// At a node [px, px, um].
     fn of(self, row: &FieldRow) -> [f64; 3] {
         match self {
@@ -159,6 +208,107 @@ pub struct TrueFields {
     pub facts: RecordingFacts,
     /// Why this plane and this main truth were chosen, if this needs an explanation.
     pub note: Option<String>,
+    /// The flow, if it is known: displacements are then computed at each position instead of interpolated
+    /// between the nodes.
+    flow: Option<Arc<dyn TrueFlow>>,
+    /// Why displacements are interpolated although there is a flow.
+    pub warning: Option<String>,
+}
+
+/// Largest difference between displacements of a flow and the stored ones, px, and relative to them: integration errors are
+/// below 1e-9, values are stored with all digits.
+const SAME_FLOW: f64 = 1e-6;
+
+impl TrueFields {
+    /// The same with displacements of `flow`, if these are the stored ones at the nodes.
+    pub fn with_flow(mut self, flow: Result<Option<Arc<dyn TrueFlow>>>) -> Self {
+        let because = |why: String| Some(format!("the truth is interpolated between its nodes: {why}"));
+        match flow {
+            Ok(None) => {}
+            Err(error) => self.warning = because(format!("the flow cannot be computed: {error}")),
+            Ok(Some(flow)) if self.agrees_with(&*flow) => self.flow = Some(flow),
+            Ok(Some(_)) => {
+                self.warning = because(
+                    "the flow of the scenario has other displacements there than the stored ones".to_owned(),
+                );
+            }
+        }
+        self
+    }
+
+    /// Whether displacements are computed at each position.
+    pub fn has_flow(&self) -> bool {
+        self.flow.is_some()
+    }
+
+    /// Compares the flow with the stored displacements at some of the nodes.
+    fn agrees_with(&self, flow: &dyn TrueFlow) -> bool {
+        let Some(z_um) = self.plane_um else { return false };
+        let some = |n: usize, most: usize| (0..n).step_by(n.div_ceil(most).max(1));
+        self.fields.iter().all(|(kind, field)| {
+            some(field.pairs.len(), 3).all(|k| {
+                let Some((pair, Nodes { values, .. })) = field.pairs.iter().nth(k) else { return true };
+                some(values.len(), 50).all(|node| {
+                    let (x_px, y_px) =
+                        (field.x_px[node % field.x_px.len()], field.y_px[node / field.x_px.len()]);
+                    let stored = values[node];
+                    let computed = kind.and_then(|kind| kind.at(&flow.row(*pair, [x_px, y_px, z_um], true)));
+                    match computed {
+                        None => !stored[0].is_finite(),
+                        Some(moved) => (0..2)
+                            .all(|c| (moved[c] - stored[c]).abs() <= SAME_FLOW * (1.0 + stored[c].abs())),
+                    }
+                })
+            })
+        })
+    }
+
+    /// The true displacements [px, px, um] of all fields at the positions of vectors: computed from the flow
+    /// anywhere in the image, or else as [`TrueField::at`].
+    pub fn at(&self, vectors: &[FlowVector]) -> Vec<Vec<Option<[f64; 3]>>> {
+        let Some((flow, z_um)) = self.flow.as_deref().zip(self.plane_um) else {
+            return self
+                .fields
+                .iter()
+                .map(|(_, field)| vectors.iter().map(|v| field.at(v)).collect())
+                .collect();
+        };
+        let Some((_, first)) = self.fields.first() else { return Vec::new() };
+        // Vectors of all pairs in a steady flow, and those of several results, share their positions.
+        let place = |v: &FlowVector| {
+            let pair = first.pair_of(v)?;
+            let is_inside =
+                |at: f64, size: Option<f64>| size.is_none_or(|size| (0.5..=size + 0.5).contains(&at));
+            let (width, height) = self.facts.sensor_px.unzip();
+            (is_inside(v.at.x_px, width) && is_inside(v.at.y_px, height)).then_some((
+                pair,
+                v.at.x_px.to_bits(),
+                v.at.y_px.to_bits(),
+            ))
+        };
+        let mut places: Vec<_> = vectors.iter().filter_map(place).collect();
+        places.sort_unstable();
+        places.dedup();
+        let is_weighted = self.fields.iter().any(|(kind, _)| *kind == Some(Displacement::Weighted));
+        let rows = places.par_iter().map(|&(pair, x, y)| {
+            let row = flow.row(pair, [f64::from_bits(x), f64::from_bits(y), z_um], is_weighted);
+            self.fields.iter().map(|(kind, _)| kind.and_then(|kind| kind.at(&row))).collect()
+        });
+        let rows: Vec<Vec<Option<[f64; 3]>>> = rows.collect();
+        let found: Vec<Option<usize>> =
+            vectors.iter().map(|v| places.binary_search(&place(v)?).ok()).collect();
+        (0..self.fields.len()).map(|k| found.iter().map(|at| rows[(*at)?][k]).collect()).collect()
+    }
+
+    /// Estimated RMS error of the main truth by interpolation at the positions of vectors, px: 0 if it is
+    /// computed or all of them are at nodes; `None` if there are too few nodes for an estimate.
+    pub(super) fn interpolation_error_px(&self, vectors: &[FlowVector]) -> Option<f64> {
+        let (_, field) = self.fields.first()?;
+        if self.has_flow() || vectors.iter().all(|v| field.is_node(v.at)) {
+            return Some(0.0);
+        }
+        field.interpolation_error_px()
+    }
 }
 
 /// The rows of `truth/field.csv`.
@@ -207,13 +357,37 @@ pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
 /// As [`of_dataset`].
 pub fn of_place(dataset: &DatasetPlace) -> Result<TrueFields> {
     match dataset {
-        DatasetPlace::Folder(folder) => of_dataset(folder, None),
-        DatasetPlace::Memory(made) => {
-            let rows =
-                made.field()?.ok_or_else(|| Error::input("this dataset has no true displacement field"))?;
-            of_rows(Source::Memory(&rows), dataset.facts()?, None)
+        DatasetPlace::Folder(folder) => {
+            Ok(of_dataset(folder, None)?.with_flow(flow_of_dataset(folder, &Context::default())))
         }
+        DatasetPlace::Memory(made) => of_memory(made, dataset.facts()?, None),
     }
+}
+
+/// The true fields of a dataset in memory, as [`of_rows`], with its flow.
+///
+/// # Errors
+/// A dataset without a true field.
+pub fn of_memory(made: &MemoryDataset, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
+    let what = "this dataset has no true displacement field; score particles";
+    let rows = made.field()?.ok_or_else(|| Error::input(what))?;
+    let flow = made.flow().map(|flow| flow.map(|flow| Arc::new(flow) as Arc<dyn TrueFlow>));
+    Ok(of_rows(Source::Memory(&rows), facts, plane_um)?.with_flow(flow))
+}
+
+/// The flow of the scenario in a dataset's folder; `None` without one, as in a recording.
+///
+/// # Errors
+/// A scenario that cannot be read or resolved.
+pub(in super::super) fn flow_of_dataset(
+    dataset: &Path,
+    context: &Context,
+) -> Result<Option<Arc<dyn TrueFlow>>> {
+    if !dataset.join(SCENARIO).exists() {
+        return Ok(None);
+    }
+    let flow = ScenarioFlow::of_dataset(dataset, context)?;
+    Ok(flow.map(|flow| Arc::new(flow) as Arc<dyn TrueFlow>))
 }
 
 /// [`of_dataset`] with the facts that its manifest gives.
@@ -263,7 +437,7 @@ pub fn of_rows(rows: Source<'_>, facts: RecordingFacts, plane_um: Option<f64>) -
         _ => None,
     };
     let fields = fields.into_iter().map(|(kind, field)| (Some(kind), field)).collect();
-    Ok(TrueFields { fields, plane_um: Some(chosen), facts, note })
+    Ok(TrueFields { fields, plane_um: Some(chosen), facts, note, ..TrueFields::default() })
 }
 
 /// Depth of the plane nearest to `asked`, or else to `otherwise`, um; the first of two equally near ones.
@@ -323,23 +497,148 @@ fn on_plane(
 
 #[cfg(test)]
 mod tests {
+    use flows::fields::TaylorGreenParams;
+    use generator::runner::{GenerateOptions, Progress};
+    use generator::setup::{Cloud, Microscope, Recording};
+    use scenario::spec::Gaussian;
+
     use super::*;
+    use crate::evaluate::field::{ScoredField, evaluate};
+    use crate::evaluate::{EvaluateOptions, Truth};
+    use crate::results::Field;
+
+    /// Side of the images, px; object-space length of a pixel, um; time between frames, s.
+    const SIZE: f64 = 256.0;
+    const UM_PER_PX: f64 = 0.645;
+    const DT_S: f64 = 0.01;
+    /// Maximum speed, px per frame.
+    const SPEED_PX: f64 = 6.0;
+
+    /// Two image pairs of Taylor-Green vortices that decay by a factor of e in `decay_s`.
+    fn vortices(wavelength_px: f64, decay_s: f64) -> MemoryDataset {
+        let wavelength_um = wavelength_px * UM_PER_PX;
+        let flow = TaylorGreenParams {
+            max_speed_um_s: SPEED_PX * UM_PER_PX / DT_S,
+            wavelength_um,
+            viscosity_um2_s: (wavelength_um / std::f64::consts::TAU).powi(2) / (2.0 * decay_s),
+            ..TaylorGreenParams::default()
+        };
+        let mut scope = Microscope::setting1().sensor(SIZE as u32, SIZE as u32);
+        scope.optics.gaussian = Some(Gaussian::default());
+        let recording =
+            Recording::sequence(flow, &Cloud::count(3).diameter_um(1.0), &scope, 3, DT_S).unwrap();
+        assert!((recording.scenario().scale.um_per_px() - UM_PER_PX).abs() < 1e-12);
+        recording.dataset(&Progress::Hidden).unwrap()
+    }
+
+    /// The central displacement in image pair `pair`, px, by the classical Runge-Kutta method.
+    fn central(wavelength_px: f64, decay_s: f64, pair: u32, x_px: f64, y_px: f64) -> [f64; 2] {
+        const STEPS: u32 = 50;
+        let k = std::f64::consts::TAU / wavelength_px;
+        let middle = 0.5 * (SIZE + 1.0);
+        // Time in frames.
+        let velocity = |[x, y]: [f64; 2], t: f64| {
+            let (a, b) = (k * (x - middle), k * (y - middle));
+            let speed = SPEED_PX * (-t * DT_S / decay_s).exp();
+            [speed * a.sin() * b.cos(), -speed * a.cos() * b.sin()]
+        };
+        let end = |side: f64| {
+            let h = 0.5 * side / f64::from(STEPS);
+            (0..STEPS).fold([x_px, y_px], |x, n| {
+                let t = f64::from(pair) + 0.5 + h * f64::from(n);
+                let moved = |v: [f64; 2], by: f64| [x[0] + by * v[0], x[1] + by * v[1]];
+                let a = velocity(x, t);
+                let b = velocity(moved(a, 0.5 * h), t + 0.5 * h);
+                let c = velocity(moved(b, 0.5 * h), t + 0.5 * h);
+                let d = velocity(moved(c, h), t + h);
+                [0, 1].map(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]))
+            })
+        };
+        let (before, after) = (end(-1.0), end(1.0));
+        [after[0] - before[0], after[1] - before[1]]
+    }
+
+    /// Correct vectors, except for `error_px` in u, where `piv` has them: 8 px apart, between the nodes.
+    fn correct(wavelength_px: f64, decay_s: f64, error_px: f64) -> Field {
+        let axis = || (0..32).map(|k| 4.5 + 8.0 * f64::from(k));
+        let places =
+            [0, 1].into_iter().flat_map(|pair| axis().flat_map(move |y| axis().map(move |x| (pair, x, y))));
+        let vector = |(pair, x_px, y_px)| {
+            let [u, v] = central(wavelength_px, decay_s, pair, x_px, y_px);
+            let at = Position { x_px, y_px, z_um: 0.0 };
+            FlowVector { pair: Some(pair), at, moved: [u + error_px, v, f64::NAN], ..FlowVector::default() }
+        };
+        Field { vectors: places.map(vector).collect(), ..Field::default() }
+    }
+
+    fn rms(scored: &ScoredField) -> [f64; 2] {
+        [&scored.score.main.u, &scored.score.main.v].map(|errors| errors.rms_px.unwrap())
+    }
 
     #[test]
-    fn the_truth_is_bilinear_between_nodes_and_absent_outside() {
-        let node = |x: f64, y: f64| FlowVector {
-            at: Position { x_px: x, y_px: y, z_um: 0.0 },
-            moved: [1.0 + x + 2.0 * y + 0.5 * x * y, -x, 0.0],
-            ..FlowVector::default()
-        };
-        let nodes: Vec<FlowVector> =
-            [1.0, 5.0, 9.0].iter().flat_map(|&x| [2.0, 4.0].map(|y| node(x, y))).collect();
-        let grid = TrueField::new(&nodes);
-        for (x, y) in [(1.0, 2.0), (9.0, 4.0), (3.0, 2.5), (6.0, 4.0)] {
-            let found = grid.at(&node(x, y)).unwrap();
-            // Rounding error of a few operations on numbers of about 30.
-            assert!((found[0] - node(x, y).moved[0]).abs() < 1e-12, "{x} {y}");
+    fn correct_vectors_between_the_nodes_have_no_error() {
+        for (wavelength_px, decay_s) in [(308.0, 1e9), (154.0, 1e9), (77.0, 1e9), (77.0, 0.02)] {
+            let made = vortices(wavelength_px, decay_s);
+            let (truth, _) = Truth::of_memory(&made, true, &EvaluateOptions::default()).unwrap();
+            let scored = evaluate(&truth.fields.unwrap(), &correct(wavelength_px, decay_s, 0.0), 1);
+            // Errors of both integrations are below 1e-6 px.
+            assert!(rms(&scored).iter().all(|rms| *rms < 1e-5), "{wavelength_px}: {:?}", rms(&scored));
+            let score = &scored.score;
+            assert_eq!((score.n_outside, score.interpolation_error_px), (0, Some(0.0)));
+            assert!((score.main.modulation_u.unwrap() - 1.0).abs() < 1e-5);
+            // The spline through vectors 8 px apart: (2 pi 8 / 77)^4 / 384 of 4 px at most.
+            assert!(score.nodes.rms_px < Some(0.006) && score.nodes.valid == Some(1.0), "{:?}", score.nodes);
+            assert!(scored.warnings.is_empty() && scored.hints.is_empty(), "{:?}", scored.warnings);
         }
-        assert_eq!(grid.at(&node(0.9, 3.0)), None);
+    }
+
+    #[test]
+    fn a_stored_field_is_interpolated_with_a_known_error() {
+        // Nodes are 16 px apart.
+        for (wavelength_px, largest_px) in [(308.0, 1e-3), (154.0, 0.01), (77.0, 0.2), (40.0, 3.0)] {
+            let made = vortices(wavelength_px, 1e9);
+            let (rows, facts) =
+                (made.field().unwrap().unwrap(), RecordingFacts::of(made.manifest().unwrap()));
+            let truth = of_rows(Source::Memory(&rows), facts, None).unwrap();
+            let scored = evaluate(&truth, &correct(wavelength_px, 1e9, 0.0), 1);
+            let [u, v] = rms(&scored);
+            let (error, estimated) = (u.hypot(v), scored.score.interpolation_error_px.unwrap());
+            assert!(error < largest_px, "{wavelength_px}: {error}");
+            // Up to a factor of two too small where it is 1e-3 of the displacement; too large where waves are not resolved.
+            assert!(
+                estimated > 0.5 * error && (wavelength_px < 100.0 || estimated < 2.0 * error),
+                "{wavelength_px}: {error} {estimated}"
+            );
+            let scored = evaluate(&truth, &correct(wavelength_px, 1e9, 0.1), 1);
+            let is_coarse = scored.warnings.iter().any(|what| what.contains("nodes are too coarse"));
+            assert_eq!(is_coarse, wavelength_px < 100.0, "{:?}", scored.warnings);
+        }
+    }
+
+    #[test]
+    fn a_dataset_has_the_flow_of_its_scenario_if_the_stored_field_is_of_this_flow() {
+        let (made, folder) = (vortices(77.0, 1e9), tempfile::tempdir().unwrap());
+        let out = folder.path().join("dataset");
+        let options =
+            GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden };
+        made.save(&options).unwrap();
+        let scored = || {
+            let (truth, _) = Truth::read(&out, true, &EvaluateOptions::default()).unwrap();
+            evaluate(&truth.fields.unwrap(), &correct(77.0, 1e9, 0.0), 1)
+        };
+        assert!(rms(&scored()).iter().all(|rms| *rms < 1e-5));
+        // Another speed of the flow: the stored field is the truth.
+        let file = out.join(SCENARIO);
+        let text = std::fs::read_to_string(&file).unwrap();
+        let other = text.replace("max_speed_um_s: ", "max_speed_um_s: 1");
+        assert_ne!(other, text);
+        std::fs::write(&file, other).unwrap();
+        let found = scored();
+        assert!(found.warnings[0].contains("other displacements"), "{:?}", found.warnings);
+        assert!(found.score.interpolation_error_px > Some(0.01));
+        std::fs::write(&file, "(").unwrap();
+        assert!(scored().warnings[0].contains("the flow cannot be computed"));
+        std::fs::remove_file(&file).unwrap();
+        assert!(scored().warnings[0].contains("nodes are too coarse"));
     }
 }
