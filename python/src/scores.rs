@@ -13,8 +13,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Literal, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
-use scoring::evaluate::{EvaluateOptions, Score, Truth, UnitScores, evaluate_files, evaluate_source};
-use scoring::results::{Conventions, Format, Origin, Source};
+use scoring::evaluate::{EvaluateOptions, Hint, Score, Truth, UnitScores, evaluate_files, evaluate_source};
+use scoring::results::{Conventions, Format, LengthUnit, Origin, Source};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
@@ -41,6 +41,8 @@ struct How {
     border_px: f64,
     #[pyo3(item)]
     origin: Option<String>,
+    #[pyo3(item)]
+    unit: Option<String>,
     #[pyo3(item)]
     y_up: Option<bool>,
     #[pyo3(item)]
@@ -75,6 +77,7 @@ impl How {
             conventions: Conventions {
                 format: optional::<Format>("format", self.format.as_ref())?,
                 origin: optional::<Origin>("origin", self.origin.as_ref())?,
+                unit: optional::<LengthUnit>("unit", self.unit.as_ref())?,
                 y_up: self.y_up,
                 frame_base: self.frame_base,
                 um_per_px: self.um_per_px,
@@ -113,9 +116,9 @@ struct Scored {
 
 #[pymethods]
 impl Scored {
-    /// All scores, as in `score.json`.
+    /// All scores, as in `score.json`; hints name the arguments of Python.
     fn scores(&self) -> PyResult<Object> {
-        Object::of(&self.score).map_err(raise)
+        Object::of(&self.in_python()).map_err(raise)
     }
 
     /// The bytes of `score.json`.
@@ -125,7 +128,7 @@ impl Scored {
 
     /// The command's table.
     fn table(&self) -> String {
-        report::table(&self.score)
+        report::table(&self.in_python())
     }
 
     /// For pickle.
@@ -140,6 +143,13 @@ impl Scored {
         let score = report::parse_score(score).map_err(|problems| raise(storage::Error::Input(problems)))?;
         let units = report::parse_units(units).map_err(|problem| raise(storage::Error::input(problem)))?;
         Ok(Scored { score, units: Arc::new(units) })
+    }
+}
+
+impl Scored {
+    fn in_python(&self) -> Score {
+        let hints = self.score.hints.iter().cloned().map(Hint::in_python).collect();
+        Score { hints, ..self.score.clone() }
     }
 }
 

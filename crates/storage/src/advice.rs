@@ -50,7 +50,7 @@ impl Named {
     }
 
     /// The argument of a function in Python: `y="up"`, `dims = 2`.
-    fn argument(&self) -> String {
+    pub fn argument(&self) -> String {
         match &self.value {
             Value::None => self.key.to_string(),
             Value::Set => format!("{}=True", self.key),

@@ -368,11 +368,11 @@ fn particles_or_vectors(
         if n_deep > 0 {
             warnings.push(format!("{n_deep} points lie outside the depth range"));
         }
-        match (points.has_z, facts.is_scored_in_depth()) {
+        match (points.has_depth(), facts.is_scored_in_depth()) {
             (true, _) => {}
             // Without depth, the gate would be wider.
             (false, true) => {
-                problems.push(format!("{}: no z_um; this challenge is scored in depth", path.display()))
+                problems.push(format!("{}: no z_um, or 0 in every row; this challenge is scored in depth", path.display()))
             }
             (false, false) => warnings.push("no z_um: scored in the image plane only".to_owned()),
         }

@@ -16,7 +16,7 @@ use arena::report;
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::measurement::{beyond, check_order, facts_of};
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
-use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
+use scoring::results::{self, Conventions, Format, LengthUnit, Origin, TrackerResult};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
@@ -57,6 +57,9 @@ pub(super) struct Evaluate {
     /// Coordinate of the first pixel's center in the result [default: that of the format]
     #[arg(long, value_parser = choice::<Origin>())]
     origin: Option<Origin>,
+    /// Unit of x and y in the result [default: as stated in it, or that of the format]
+    #[arg(long, value_parser = choice::<LengthUnit>())]
+    unit: Option<LengthUnit>,
     /// Direction of the y axis in the result [default: down]
     #[arg(long, value_enum)]
     y: Option<Direction>,
@@ -109,6 +112,7 @@ impl Evaluate {
         Conventions {
             format: self.format,
             origin: self.origin,
+            unit: self.unit,
             y_up: self.y.map(|y| y == Direction::Up),
             frame_base: self.frame_base,
             um_per_px: self.um_per_px,

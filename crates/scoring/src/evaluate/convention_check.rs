@@ -1,5 +1,8 @@
 //! Detects probable mistakes of convention in a result: origin, first frame, axes, units; and a result that
 //! matches no more particles than points at random positions would.
+//!
+//! A convention for which there is an option is tried as the option reads the file: positions are converted back
+//! to the file's and read again.
 
 use super::detection::{Detection, error};
 use super::gate::Gate;
@@ -9,7 +12,8 @@ use super::neighbors::neighbor_pairs;
 use super::statistics::quantile;
 use super::track_set::side_by_side;
 use super::truth::{Region, ScoredPoints, TrueParticles};
-use crate::results::{Points, Position, TrackRow};
+use crate::results::{Conventions, Converter, LengthUnit, Origin, PARTICLES, Points, Position, TrackRow};
+use storage::advice::{Named, flag, option};
 use storage::error::Result;
 
 /// Maximum number of frames on which other conventions are tried.
@@ -26,6 +30,8 @@ const POINTS: usize = 20_000;
 pub struct ConventionCheck<'a> {
     truth: TrueParticles,
     rows: &'a [TrackRow],
+    /// How the result was read.
+    read_as: Conventions,
     /// The first frame beyond the sample.
     end: u32,
     /// Whether the sample is the whole result.
@@ -58,8 +64,19 @@ struct Quality {
 /// if its frame would be negative.
 type Convention<'a> = Box<dyn Fn(&TrackRow) -> Option<TrackRow> + 'a>;
 
-/// A probable mistake: a question, how the result would be read without it, and that reading.
-type Suspect<'a> = (String, String, Convention<'a>);
+/// A probable mistake: a question, how the result would be read without it, that reading, and its options.
+struct Suspect<'a> {
+    question: String,
+    how: String,
+    convention: Convention<'a>,
+    options: Vec<Named>,
+}
+
+/// F1 within which conventions count as equally good, and the one with the smallest errors is the best.
+const SAME_F1: f64 = 0.02;
+
+/// The end of a hint for which there is no option.
+const IN_THE_FILE: &str = "; change the file, there is no option";
 
 impl<'a> ConventionCheck<'a> {
     /// Takes a sample of frames from truth and result; the arguments are those the result is scored with.
@@ -81,6 +98,7 @@ impl<'a> ConventionCheck<'a> {
         ConventionCheck {
             truth: truth.before(end),
             rows: &result.rows,
+            read_as: result.read_as.completed(&truth.facts),
             end,
             is_whole,
             is_empty: result.rows.is_empty() && result.n_nan == 0,
@@ -114,13 +132,13 @@ impl<'a> ConventionCheck<'a> {
         };
         let mut hints = Vec::new();
         let bias = score.bias_x_px.zip(score.bias_y_px);
-        for family in [self.frames(), self.axes(), self.lengths()] {
+        for family in [self.frames()?, self.axes()?, self.lengths()?] {
             hints.extend(self.best(family, now, false, FAR_SMALLER)?);
         }
         // A bias of almost exactly 0.5 or 1 px along both axes is suspicious regardless of the random error.
         let is = |size: f64| bias.is_some_and(|(x, y)| [x, y].iter().all(|b| (b.abs() - size).abs() <= 0.1));
         let share = if is(0.5) || is(1.0) { 1.0 } else { FAR_SMALLER };
-        hints.extend(self.best(self.origins(bias), now, false, share)?);
+        hints.extend(self.best(self.origins(bias)?, now, false, share)?);
         if !self.flat
             && let Some(depths) = self.depths()?
         {
@@ -144,11 +162,11 @@ impl<'a> ConventionCheck<'a> {
         let wrapped = |v: f64, low: f64, size: f64, part: f64| low + (v - low + part * size).rem_euclid(size);
         let (mut sum, mut squares) = (0.0, 0.0);
         for [across, down] in shifts {
-            let at_random = self.quality(&placed(move |at| Position {
-                x_px: wrapped(at.x_px, low[0], high[0] - low[0], across),
-                y_px: wrapped(at.y_px, low[1], high[1] - low[1], down),
-                ..*at
-            }))?;
+            let at_random = self.quality(&|row| {
+                let x_px = wrapped(row.at.x_px, low[0], high[0] - low[0], across);
+                let y_px = wrapped(row.at.y_px, low[1], high[1] - low[1], down);
+                Some(TrackRow { at: Position { x_px, y_px, ..row.at }, ..*row })
+            })?;
             sum += at_random.matches;
             squares += at_random.matches.powi(2);
         }
@@ -160,13 +178,12 @@ impl<'a> ConventionCheck<'a> {
         }
         let n = self.rows.iter().filter(|row| row.frame < self.end).count();
         let detail = format!(
-            "{} of {n} points match a particle, no more than at random positions ({mean:.1}); an estimated offset would show a \
-             shift in the image",
+            "{} of {n} points match a particle, no more than at random positions ({mean:.1}); the option shows a shift in the image",
             now.matches
         );
         let question =
             "is this the result of another dataset, or does it use another origin, unit or first frame?";
-        let mut hint = Hint::new(question, &detail);
+        let mut hint = Hint::new(question, &detail).with_options(&[flag("auto_offset")]);
         (hint.f1_now, hint.sampled) = (Some(now.f1), !self.is_whole);
         Ok(Some(hint))
     }
@@ -194,21 +211,25 @@ impl<'a> ConventionCheck<'a> {
         of_depth: bool,
         share: f64,
     ) -> Result<Option<Hint>> {
-        let mut best: Option<(Quality, [String; 2])> = None;
-        for (question, how, convention) in family {
-            let other = self.quality(&convention)?;
-            let is_as_good = other.f1 > now.f1 - 0.02 && other.f1 > 0.5;
+        let mut better = Vec::new();
+        for suspect in family {
+            let other = self.quality(&suspect.convention)?;
+            let is_as_good = other.f1 > now.f1 - SAME_F1 && other.f1 > 0.5;
             let has_smaller_errors = match of_depth {
                 true => other.rms_z_um < share * now.rms_z_um,
                 false => other.rms_px < share * now.rms_px,
             };
-            let is_better = other.f1 > now.f1 + 0.1 || (is_as_good && has_smaller_errors);
-            let rank = |q: &Quality| (q.f1 * 1e3).round() - q.rms_px.min(100.0) / 1e3;
-            if is_better && best.as_ref().is_none_or(|(b, _)| rank(b) < rank(&other)) {
-                best = Some((other, [question, how]));
+            if other.f1 > now.f1 + 0.1 || (is_as_good && has_smaller_errors) {
+                better.push((other, suspect));
             }
         }
-        Ok(best.map(|(other, [question, how])| {
+        let highest = better.iter().map(|(q, _)| q.f1).fold(0.0, f64::max);
+        let errors = |q: &Quality| if of_depth { q.rms_z_um } else { q.rms_px };
+        let best = better
+            .into_iter()
+            .filter(|(q, _)| q.f1 >= highest - SAME_F1)
+            .min_by(|(a, _), (b, _)| errors(a).total_cmp(&errors(b)));
+        Ok(best.map(|(other, Suspect { question, how, options, .. })| {
             let sample = if self.is_whole { "" } else { " (on a sample of frames)" };
             let shown = |v: f64| if v.is_finite() { format!("{v:.3}") } else { "-".to_owned() };
             let errors = match of_depth {
@@ -217,100 +238,136 @@ impl<'a> ConventionCheck<'a> {
             };
             let detail =
                 format!("{how} F1 would be {:.3} instead of {:.3}, {errors}{sample}", other.f1, now.f1);
+            let hint = match options.as_slice() {
+                [] => Hint::new(question, &(detail + IN_THE_FILE)),
+                options => Hint::new(question, &detail).with_options(options),
+            };
             Hint {
                 f1: Some(other.f1),
                 f1_now: Some(now.f1),
                 rms_px: Some(other.rms_px).filter(|v| v.is_finite()),
                 rms_px_now: Some(now.rms_px).filter(|v| v.is_finite()),
                 sampled: !self.is_whole,
-                ..Hint::new(question, &detail)
+                ..hint
             }
         }))
     }
 
-    /// First frame off by one.
-    fn frames(&self) -> Vec<Suspect<'_>> {
-        let moved = |by: i64, base: &str| {
-            let how = format!("With the number of the first frame {base} by one");
-            let convention: Convention<'_> = Box::new(move |row| {
-                let frame = u32::try_from(i64::from(row.frame) + by).ok()?;
-                Some(TrackRow { frame, ..*row })
-            });
-            ("frames off by one?".to_owned(), how, convention)
+    /// A suspect that is read as these options say.
+    fn with_options(
+        &self,
+        question: String,
+        how: String,
+        read_as: Conventions,
+        options: Vec<Named>,
+    ) -> Result<Suspect<'_>> {
+        let (now, other) =
+            (Converter::new(PARTICLES, &self.read_as)?, Converter::new(PARTICLES, &read_as)?);
+        let convention: Convention<'_> = Box::new(move |row| {
+            let (frame, [x, y, z]) = now.unconverted(row);
+            let at = other.position(x, y, z).ok()??;
+            Some(TrackRow { frame: other.frame(frame).ok()?, at, ..*row })
+        });
+        Ok(Suspect { question, how, convention, options })
+    }
+
+    /// Another first frame: off by one, or such that the first or last frames of truth and result are the same.
+    fn frames(&self) -> Result<Vec<Suspect<'_>>> {
+        let ends = |rows: &[TrackRow]| {
+            let frames = || rows.iter().map(|row| i64::from(row.frame));
+            frames().min().zip(frames().max())
         };
-        vec![moved(1, "decreased"), moved(-1, "increased")]
+        let Some(((first, last), (true_first, true_last))) = ends(self.rows).zip(ends(&self.truth.rows)) else {
+            return Ok(Vec::new());
+        };
+        let mut family = Vec::new();
+        for by in [1, -1, first - true_first, last - true_last] {
+            // Frames before the first one would be refused.
+            if by == 0 || by > first {
+                continue;
+            }
+            let base = self.read_as.frame_base.unwrap_or(PARTICLES.frame_base) + by;
+            let amount = if by.abs() == 1 { "one".to_owned() } else { by.abs().to_string() };
+            family.push(self.with_options(
+                format!("frames off by {amount}?"),
+                format!("With {base} as the number of the first frame"),
+                Conventions { frame_base: Some(base), ..self.read_as },
+                vec![option("frame_base").of(base)],
+            )?);
+        }
+        Ok(family)
     }
 
     /// Another position of the first pixel's center.
-    fn origins(&self, bias: Option<(f64, f64)>) -> Vec<Suspect<'_>> {
+    fn origins(&self, bias: Option<(f64, f64)>) -> Result<Vec<Suspect<'_>>> {
         let bias = bias.map_or(String::new(), |(x, y)| format!("bias is ({x:+.3}, {y:+.3}) px; "));
-        let shifted = |by: f64| {
-            let how = format!(
-                "{bias}the origin is the position of the first pixel's center; with x and y moved by {by:+} px"
-            );
-            (
-                "origin mismatch?".to_owned(),
-                how,
-                placed(move |at| Position { x_px: at.x_px + by, y_px: at.y_px + by, ..*at }),
-            )
-        };
-        [-1.0, -0.5, 0.5, 1.0].map(shifted).into()
+        let how = |by: f64| format!("{bias}with x and y moved by {by:+} px");
+        let question = "origin mismatch?".to_owned();
+        let (mut family, mut tried) = (Vec::new(), Vec::new());
+        let shift = |origin: Origin| origin.shift_px(&self.read_as).map(|shift| shift[0]);
+        let now = shift(self.read_as.origin.unwrap_or(PARTICLES.origin))?;
+        for origin in [Origin::Center0, Origin::Corner0, Origin::Center1] {
+            let by = shift(origin)? - now;
+            if by.abs() == 0.5 || by.abs() == 1.0 {
+                tried.push(by);
+                let read_as = Conventions { origin: Some(origin), ..self.read_as };
+                let options = vec![option("origin").is(origin.name())];
+                family.push(self.with_options(question.clone(), how(by), read_as, options)?);
+            }
+        }
+        for by in [-1.0, -0.5, 0.5, 1.0].into_iter().filter(|by| !tried.contains(by)) {
+            let moved = move |at: &Position| Position { x_px: at.x_px + by, y_px: at.y_px + by, ..*at };
+            family.push(placed(&question, &how(by), moved));
+        }
+        Ok(family)
     }
 
     /// Axes swapped or reversed.
-    fn axes(&self) -> Vec<Suspect<'_>> {
-        let mut family = vec![(
-            "axes swapped?".to_owned(),
-            "With x and y exchanged".to_owned(),
-            placed(|at| Position { x_px: at.y_px, y_px: at.x_px, ..*at }),
-        )];
+    fn axes(&self) -> Result<Vec<Suspect<'_>>> {
+        let swapped = |at: &Position| Position { x_px: at.y_px, y_px: at.x_px, ..*at };
+        let mut family = vec![placed("axes swapped?", "With x and y exchanged", swapped)];
         if let Some((width, height)) = self.truth.facts.sensor_px {
-            family.push((
-                "y upward?".to_owned(),
+            let (x_px, y_px) =
+                (move |at: &Position| width + 1.0 - at.x_px, move |at: &Position| height + 1.0 - at.y_px);
+            let is_up = self.read_as.y_up == Some(true);
+            let (question, way) = if is_up { ("y downward?", "down") } else { ("y upward?", "up") };
+            family.push(self.with_options(
+                question.to_owned(),
                 "With y reversed".to_owned(),
-                placed(move |at| Position { y_px: height + 1.0 - at.y_px, ..*at }),
-            ));
-            family.push((
-                "x from the right?".to_owned(),
-                "With x reversed".to_owned(),
-                placed(move |at| Position { x_px: width + 1.0 - at.x_px, ..*at }),
-            ));
-            family.push((
-                "image turned by 180 degrees?".to_owned(),
-                "With x and y reversed".to_owned(),
-                placed(move |at| Position {
-                    x_px: width + 1.0 - at.x_px,
-                    y_px: height + 1.0 - at.y_px,
-                    ..*at
-                }),
-            ));
+                Conventions { y_up: Some(!is_up), ..self.read_as },
+                vec![option("y").is(way)],
+            )?);
+            let reversed = move |at: &Position| Position { x_px: x_px(at), ..*at };
+            family.push(placed("x from the right?", "With x reversed", reversed));
+            let turned = move |at: &Position| Position { x_px: x_px(at), y_px: y_px(at), ..*at };
+            family.push(placed("image turned by 180 degrees?", "With x and y reversed", turned));
         }
-        family
+        Ok(family)
     }
 
-    /// x and y in um, mm or m, from the first pixel or from the image center.
-    fn lengths(&self) -> Vec<Suspect<'_>> {
-        let Some(um_per_px) = self.truth.facts.um_per_px else { return Vec::new() };
+    /// x and y in another unit, from any origin.
+    fn lengths(&self) -> Result<Vec<Suspect<'_>>> {
+        let Some(um_per_px) = self.truth.facts.um_per_px else { return Ok(Vec::new()) };
         let mut family = Vec::new();
-        for (unit, um) in [("um", 1.0), ("mm", 1e3), ("m", 1e6)] {
-            let scale = um / um_per_px;
-            let mut origins = vec![("from the first pixel's center at 0", [1.0, 1.0])];
-            if let Some((width, height)) = self.truth.facts.sensor_px {
-                origins.push(("from the middle of the image", [0.5 * (width + 1.0), 0.5 * (height + 1.0)]));
-            }
-            for (origin, [x0, y0]) in origins {
-                family.push((
-                    format!("x and y in {unit}?"),
-                    format!("With x_px = x {scale:.6} + {x0}, y_px = y {scale:.6} + {y0} ({origin})"),
-                    placed(move |at| Position {
-                        x_px: at.x_px * scale + x0,
-                        y_px: at.y_px * scale + y0,
-                        ..*at
-                    }),
-                ));
+        let now = self.read_as.unit.unwrap_or(PARTICLES.unit);
+        for unit in LengthUnit::ALL.into_iter().filter(|unit| *unit != now) {
+            for origin in Origin::ALL {
+                let read_as = Conventions { unit: Some(unit), origin: Some(origin), ..self.read_as };
+                let Ok([x0, y0]) = origin.shift_px(&read_as) else { continue };
+                let scale = unit.um().map_or(1.0, |um| um / um_per_px);
+                let mut options = vec![option("unit").is(unit.symbol())];
+                if self.read_as.origin.unwrap_or(PARTICLES.origin) != origin {
+                    options.push(option("origin").is(origin.name()));
+                }
+                family.push(self.with_options(
+                    format!("x and y in {}?", unit.symbol()),
+                    format!("With x_px = x {scale:.6} + {x0}, y_px = y {scale:.6} + {y0}"),
+                    read_as,
+                    options,
+                )?);
             }
         }
-        family
+        Ok(family)
     }
 
     /// z with another sign, origin or unit: a line fitted to true against measured depths of particles
@@ -346,11 +403,8 @@ impl<'a> ConventionCheck<'a> {
             (false, false) => format!("{a:.4} z"),
         };
         let b = if a != 1.0 && b.abs() <= small { 0.0 } else { b };
-        Ok(Some((
-            question.to_owned(),
-            format!("With z_um = {sum}"),
-            placed(move |at| Position { z_um: a * at.z_um + b, ..*at }),
-        )))
+        let place = move |at: &Position| Position { z_um: a * at.z_um + b, ..*at };
+        Ok(Some(placed(question, &format!("With z_um = {sum}"), place)))
     }
 
     /// The shift of the whole result, px, and F1 without it, as reported by `--auto-offset`. `None` if no
@@ -429,9 +483,10 @@ impl<'a> ConventionCheck<'a> {
     }
 }
 
-/// A convention that changes positions only.
-fn placed<'a>(place: impl Fn(&Position) -> Position + 'a) -> Convention<'a> {
-    Box::new(move |row| Some(TrackRow { at: place(&row.at), ..*row }))
+/// A suspect that changes positions only, for which there is no option.
+fn placed<'a>(question: &str, how: &str, place: impl Fn(&Position) -> Position + 'a) -> Suspect<'a> {
+    let convention: Convention<'a> = Box::new(move |row| Some(TrackRow { at: place(&row.at), ..*row }));
+    Suspect { question: question.to_owned(), how: how.to_owned(), convention, options: Vec::new() }
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {

@@ -2,13 +2,19 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use storage::advice::Named;
 
 /// A probable mistake of convention, and the score without it, if it is known. Corrections are never applied.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Hint {
-    /// What may be wrong, and which option or change fixes it.
+    /// What may be wrong; it ends with the option of the command that reads the result so, or with the change
+    /// to the file.
     pub what: String,
+    /// The option of the command that reads the result without the mistake; empty if none does.
+    pub option: String,
+    /// The same for Python.
+    pub argument: String,
     /// The question that `what` begins with. The rest of `what` quotes scores, which participants do not see
     /// if the truth is withheld.
     pub question: String,
@@ -34,5 +40,23 @@ impl Hint {
         let question = question.into();
         let what = format!("{question} {detail}").trim_end().to_owned();
         Hint { what, question, ..Hint::default() }
+    }
+
+    /// The hint, ended by the options that read the result without the mistake.
+    #[must_use]
+    pub fn with_options(self, options: &[Named]) -> Self {
+        let option: Vec<String> = options.iter().map(Named::to_string).collect();
+        let argument: Vec<String> = options.iter().map(Named::argument).collect();
+        let (option, argument) = (option.join(" "), argument.join(", "));
+        Hint { what: format!("{}; {option}", self.what), option, argument, ..self }
+    }
+
+    /// The hint with the argument of Python.
+    #[must_use]
+    pub fn in_python(self) -> Self {
+        match self.what.strip_suffix(&self.option).filter(|_| !self.option.is_empty()) {
+            Some(what) => Hint { what: format!("{what}{}", self.argument), ..self },
+            None => self,
+        }
     }
 }

@@ -153,6 +153,9 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
 
 const NO_BOXES: &str = "boxes are not scored: the dataset has no truth/boxes.csv (truth: (boxes: true))";
 
+const NO_DEPTH: &str =
+    "z is 0 in every row of the result, which is taken as no depth: positions in the image plane are scored";
+
 /// Scores a displacement field.
 fn vectors(
     truth: &TrueFields,
@@ -224,7 +227,10 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         units_found: of_points.iter().filter(|unit| unit[0] > 0.0).count(),
         ..counts(&scored, &matching, points, n_unlinked)
     };
-    let warnings = cautions(truth, points, &counts);
+    let mut warnings = cautions(truth, points, &counts);
+    if !depth && truth.has_z && points.has_z && options.dims.is_none() {
+        warnings.push(NO_DEPTH.to_owned());
+    }
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 

@@ -84,14 +84,14 @@ impl EvaluateOptions {
     }
 }
 
-/// Whether depth is scored.
+/// Whether depth is scored: by default if truth and result have one, which a depth of 0 in every row is not.
 ///
 /// # Errors
 /// A value of `--dims` that truth and result do not allow.
 pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<bool> {
     let both = truth.has_z && points.has_z;
     match options.dims {
-        None => Ok(both),
+        None => Ok(both && (points.has_depth() || !truth.has_depth())),
         Some(2) if options.gate_z_um.is_some() => {
             let (gate, dims) = (option("gate_z_um"), option("dims").of(2));
             Err(Error::option(advice!(gate, ": has no meaning with ", dims, ", in the image plane")))

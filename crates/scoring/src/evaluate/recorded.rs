@@ -54,12 +54,12 @@ pub(super) fn evaluate(truth: &Truth, points: &Points, options: &EvaluateOptions
         unknown.push(NO_TRACKS.to_owned());
     }
     match planes {
-        Some(_) if !points.has_z && known.is_none() => {
+        Some(_) if !points.has_depth() && known.is_none() => {
             return Err(Error::input(format!(
-                "{name}: heights of planes are known, and the result has no depths (z_um)"
+                "{name}: heights of planes are known, and the result has no depths (z_um is missing, or 0 in every row)"
             )));
         }
-        Some(planes) if points.has_z => {
+        Some(planes) if points.has_depth() => {
             let (score, compared) = PlaneScore::of(planes, points, &truth.facts, options);
             (evaluation.score.planes, evaluation.plane_points) = (Some(score), compared);
             evaluation.sensor_px = truth.facts.sensor_px;

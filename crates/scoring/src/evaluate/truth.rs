@@ -56,6 +56,11 @@ const PROPERTIES: [&str; 2] = ["snr", "overlap"];
 const LARGEST_PROPERTY: f64 = 1e12;
 
 impl TrueParticles {
+    /// Whether any particle is at a depth other than 0.
+    pub(super) fn has_depth(&self) -> bool {
+        self.has_z && self.rows.iter().any(|row| row.at.z_um != 0.0)
+    }
+
     /// The visible spheroids, with their depths (um).
     pub(super) fn spheroids(&self) -> Vec<(f64, Spheroid)> {
         let shapes = self.axes.iter().zip(&self.aspects).zip(&self.visible);

@@ -37,6 +37,9 @@ impl Decimals {
     }
 }
 
+/// Signs of a missing value: in pandas, R, spreadsheets and Python, and TrackMate's empty-set sign.
+const MISSING: [&str; 8] = ["", "NA", "<NA>", "N/A", "#N/A", "None", "null", "\u{f8}"];
+
 /// Where the cells of a row are.
 #[derive(Clone, Copy)]
 pub(super) enum Place<'a> {
@@ -66,10 +69,10 @@ impl<'a> Cells<'a> {
         Cells { place, header, line, decimals }
     }
 
-    /// The number in a cell; NaN if the cell is empty, `NaN` or TrackMate's empty-set sign.
+    /// The number in a cell; NaN if the cell is empty or a sign of a missing value.
     pub fn number(&self, column: usize) -> std::result::Result<f64, String> {
         let text = match self.place {
-            Place::Record(record) => std::str::from_utf8(&record[column]).unwrap_or("?").trim_matches('"'),
+            Place::Record(record) => std::str::from_utf8(&record[column]).unwrap_or("?"),
             Place::Columns(columns, row) => match &columns.0[column].1 {
                 Values::Whole(values) => return Ok(values[row] as f64),
                 Values::Numbers(values) => return Ok(values[row]),
@@ -82,7 +85,7 @@ impl<'a> Cells<'a> {
             }
             return Ok(number);
         }
-        if text.is_empty() || text == "\u{f8}" {
+        if MISSING.iter().any(|missing| text.eq_ignore_ascii_case(missing)) {
             return Ok(f64::NAN);
         }
         let hint = match text.contains(',') {
@@ -93,21 +96,33 @@ impl<'a> Cells<'a> {
         Err(format!("{} = {:?}: expected a number{hint}", self.header[column], super::shown(text)))
     }
 
+    /// Whether two cells have the same text or number.
+    pub(super) fn are_equal(&self, a: usize, b: usize) -> bool {
+        let same = |a: f64, b: f64| a == b || (a.is_nan() && b.is_nan());
+        match (self.number(a), self.number(b)) {
+            (Ok(a), Ok(b)) => same(a, b),
+            _ => self.text(a).is_ok_and(|text| self.text(b) == Ok(text)),
+        }
+    }
+
     /// The text of a cell.
     ///
     /// # Errors
     /// Bytes that are not UTF-8.
     pub fn text(&self, column: usize) -> std::result::Result<&str, String> {
         let text = match self.place {
-            Place::Record(record) => {
-                std::str::from_utf8(&record[column]).ok().map(|text| text.trim_matches('"'))
-            }
+            Place::Record(record) => std::str::from_utf8(&record[column]).ok(),
             Place::Columns(columns, row) => match &columns.0[column].1 {
                 Values::Texts(values) => Some(values[row].as_str()),
                 _ => None,
             },
         };
         text.ok_or_else(|| format!("{}: expected UTF-8 text", self.header[column]))
+    }
+
+    /// The name of a column.
+    pub(super) fn name(&self, column: usize) -> &str {
+        &self.header[column]
     }
 
     /// Names of columns, empty for missing ones.

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::Format;
-use super::table::{BoxSize, Position};
+use super::table::{BoxSize, Position, TrackRow};
 use dataset::{LARGEST_UM, RecordingFacts};
 use storage::advice::{Advice, option};
 use storage::error::{Error, Result};
@@ -26,24 +26,121 @@ pub enum Origin {
     Center0,
     /// (0.5, 0.5)
     Corner0,
+    /// Half the size of the image from (0, 0), which is its middle
+    Middle,
 }
 
 impl Origin {
-    /// Shift to be added to coordinates so that the first center is (1, 1), px.
-    pub fn shift_px(self) -> f64 {
+    pub(crate) const ALL: [Origin; 4] = [Origin::Center0, Origin::Corner0, Origin::Center1, Origin::Middle];
+
+    /// Shift to be added to x and y so that the first center is (1, 1), px.
+    pub(crate) fn shift_px(self, given: &Conventions) -> Result<[f64; 2]> {
+        match (self, given.width_px.zip(given.height_px)) {
+            (Origin::Center1, _) => Ok([0.0; 2]),
+            (Origin::Center0, _) => Ok([1.0; 2]),
+            (Origin::Corner0, _) => Ok([0.5; 2]),
+            (Origin::Middle, Some((width, height))) => Ok([0.5 * (width + 1.0), 0.5 * (height + 1.0)]),
+            (Origin::Middle, None) => {
+                let what = ": a bare table does not contain the size of the images";
+                Err(Error::option(advice!(option("origin").is("middle"), what)))
+            }
+        }
+    }
+
+    /// The name as an option.
+    pub(crate) fn name(self) -> &'static str {
         match self {
-            Origin::Center1 => 0.0,
-            Origin::Center0 => 1.0,
-            Origin::Corner0 => 0.5,
+            Origin::Center1 => "center1",
+            Origin::Center0 => "center0",
+            Origin::Corner0 => "corner0",
+            Origin::Middle => "middle",
         }
     }
 
     fn words(self) -> &'static str {
         match self {
-            Origin::Center1 => "(1, 1)",
-            Origin::Center0 => "(0, 0)",
-            Origin::Corner0 => "(0.5, 0.5)",
+            Origin::Center1 => "first pixel's center at (1, 1)",
+            Origin::Center0 => "first pixel's center at (0, 0)",
+            Origin::Corner0 => "first pixel's center at (0.5, 0.5)",
+            Origin::Middle => "middle of the image at (0, 0)",
         }
+    }
+}
+
+/// A unit of length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LengthUnit {
+    /// Pixels
+    Px,
+    /// Nanometers
+    Nm,
+    /// Micrometers
+    Um,
+    /// Millimeters
+    Mm,
+    /// Centimeters
+    Cm,
+    /// Meters
+    M,
+    /// Inches
+    Inch,
+}
+
+impl LengthUnit {
+    pub(crate) const ALL: [LengthUnit; 7] = [
+        LengthUnit::Um,
+        LengthUnit::Mm,
+        LengthUnit::M,
+        LengthUnit::Px,
+        LengthUnit::Nm,
+        LengthUnit::Cm,
+        LengthUnit::Inch,
+    ];
+
+    /// The unit in um; `None`: pixels.
+    pub(crate) fn um(self) -> Option<f64> {
+        match self {
+            LengthUnit::Px => None,
+            LengthUnit::Nm => Some(1e-3),
+            LengthUnit::Um => Some(1.0),
+            LengthUnit::Mm => Some(1e3),
+            LengthUnit::Cm => Some(1e4),
+            LengthUnit::M => Some(1e6),
+            LengthUnit::Inch => Some(25_400.0),
+        }
+    }
+
+    /// The symbol, which is also its name as an option.
+    pub(crate) fn symbol(self) -> &'static str {
+        match self {
+            LengthUnit::Px => "px",
+            LengthUnit::Nm => "nm",
+            LengthUnit::Um => "um",
+            LengthUnit::Mm => "mm",
+            LengthUnit::Cm => "cm",
+            LengthUnit::M => "m",
+            LengthUnit::Inch => "inch",
+        }
+    }
+
+    /// The unit of this symbol or English name, in any of the spellings of ImageJ and its plugins.
+    pub(crate) fn of_name(name: &str) -> Option<Self> {
+        let lower = name.trim().to_lowercase();
+        // The micro sign is also the Greek letter, an escape of ImageJ, or a byte of Latin-1, which is no UTF-8.
+        let ascii = lower.replace("\\u00b5", "u").replace("&#181;", "u");
+        let ascii = ascii.replace(['\u{b5}', '\u{3bc}', '\u{fffd}'], "u").replace("\u{e2}u", "u");
+        let singular = if ascii == "inches" { "inch" } else { ascii.strip_suffix('s').unwrap_or(&ascii) };
+        Some(match singular.replace("metre", "meter").as_str() {
+            "px" | "pix" | "pixel" | "voxel" => LengthUnit::Px,
+            "nm" | "nanometer" => LengthUnit::Nm,
+            "um" | "micron" | "micrometer" | "umeter" => LengthUnit::Um,
+            "mm" | "millimeter" => LengthUnit::Mm,
+            "cm" | "centimeter" => LengthUnit::Cm,
+            "m" | "meter" => LengthUnit::M,
+            "in" | "inch" | "\"" => LengthUnit::Inch,
+            _ => return None,
+        })
     }
 }
 
@@ -54,6 +151,8 @@ pub struct Conventions {
     pub format: Option<Format>,
     /// Coordinates of the first pixel's center.
     pub origin: Option<Origin>,
+    /// Unit of x and y; in tables with one unit for all axes also that of z.
+    pub unit: Option<LengthUnit>,
     /// Whether y grows upward.
     pub y_up: Option<bool>,
     /// Number of the first frame.
@@ -151,19 +250,17 @@ pub(crate) struct FormatDefaults {
     pub unit: LengthUnit,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum LengthUnit {
-    Px,
-    Um,
-}
-
 /// Converts rows of a file to microsig's conventions.
 #[derive(Debug)]
 pub(crate) struct Converter {
-    shift: f64,
+    shift: [f64; 2],
     flip_at: Option<f64>,
     scale: f64,
+    /// Factor from z in the file to um.
+    z_scale: f64,
     frame_base: i64,
+    /// The conventions by which it converts.
+    pub conventions: Conventions,
     pub notes: Vec<String>,
 }
 
@@ -204,13 +301,21 @@ impl Converter {
         let origin = given.origin.unwrap_or(usual.origin);
         let frame_base = given.frame_base.unwrap_or(usual.frame_base);
         let y_up = given.y_up.unwrap_or(false);
-        let scale = match (usual.unit, given.um_per_px) {
-            (LengthUnit::Px, _) => 1.0,
-            (LengthUnit::Um, Some(um)) => 1.0 / um,
-            (LengthUnit::Um, None) => {
-                let what = format!("{}: lengths are um; give ", usual.name);
+        let unit = given.unit.unwrap_or(usual.unit);
+        let scale = match (unit.um(), given.um_per_px) {
+            (None, _) => 1.0,
+            (Some(um), Some(um_per_px)) => um / um_per_px,
+            (Some(_), None) => {
+                let what = format!("{}: lengths are in {}; give ", usual.name, unit.symbol());
                 return Err(Error::option(advice!(what, option("um_per_px"))));
             }
+        };
+        // TrackMate has one unit for all axes. Depth in pixels of unknown size is no depth.
+        let (z_scale, z_unit) = match given.format {
+            Some(Format::TrackmateSpots | Format::TrackmateXml) => {
+                (unit.um().or(given.um_per_px).unwrap_or(0.0), unit.symbol())
+            }
+            _ => (1.0, "um"),
         };
         let flip_at = match (y_up, given.height_px) {
             (false, _) => None,
@@ -220,17 +325,33 @@ impl Converter {
                 return Err(Error::option(advice!(option("y").is("up"), what)));
             }
         };
-        let unit = match usual.unit {
-            LengthUnit::Px => "px".to_owned(),
-            LengthUnit::Um => format!("um, {} um per px", 1.0 / scale),
-        };
+        let size = given.um_per_px.filter(|_| unit != LengthUnit::Px);
         let notes = vec![format!(
-            "{}: x, y in {unit}; first pixel's center at {}; y {}; z in um; frames from {frame_base}",
+            "{}: x, y in {}{}; {}; y {}; z in {z_unit}; frames from {frame_base}",
             usual.name,
+            unit.symbol(),
+            size.map_or(String::new(), |um| format!(", {um} um per px")),
             origin.words(),
             if y_up { "up" } else { "down" },
         )];
-        Ok(Converter { shift: origin.shift_px(), flip_at, scale, frame_base, notes })
+        let conventions = Conventions {
+            origin: Some(origin),
+            unit: Some(unit),
+            y_up: Some(y_up),
+            frame_base: Some(frame_base),
+            ..*given
+        };
+        let shift = origin.shift_px(given)?;
+        Ok(Converter { shift, flip_at, scale, z_scale, frame_base, conventions, notes })
+    }
+
+    /// The row of a file that these conventions turn into `row`: frame, x, y and z.
+    pub(crate) fn unconverted(&self, row: &TrackRow) -> (f64, [f64; 3]) {
+        let Position { x_px, y_px, z_um } = row.at;
+        let y_px = self.flip_at.map_or(y_px, |height| height - y_px);
+        let z = if self.z_scale == 0.0 { 0.0 } else { z_um / self.z_scale };
+        let at = [(x_px - self.shift[0]) / self.scale, (y_px - self.shift[1]) / self.scale, z];
+        (f64::from(row.frame) + self.frame_base as f64, at)
     }
 
     /// Converts a position; `None` if a coordinate is missing, `Err` with a message if it is out of range.
@@ -238,12 +359,13 @@ impl Converter {
         &self,
         x: f64,
         y: f64,
-        z_um: f64,
+        z: f64,
     ) -> std::result::Result<Option<Position>, String> {
-        if x.is_nan() || y.is_nan() || z_um.is_nan() {
+        if x.is_nan() || y.is_nan() || z.is_nan() {
             return Ok(None);
         }
-        let (x_px, y_px) = (x * self.scale + self.shift, y * self.scale + self.shift);
+        let (x_px, y_px) = (x * self.scale + self.shift[0], y * self.scale + self.shift[1]);
+        let z_um = z * self.z_scale;
         for (name, value, most, unit) in
             [("x", x_px, LARGEST_PX, "px"), ("y", y_px, LARGEST_PX, "px"), ("z", z_um, LARGEST_UM, "um")]
         {

@@ -14,15 +14,13 @@ mod coco;
 mod conventions;
 mod defocustracker;
 mod flo;
-mod napari;
 mod openpiv;
 mod pivlab;
+mod programs;
 pub mod sheet;
 mod table;
 mod tecplot;
 mod text;
-mod trackmate;
-mod trackpy;
 mod xml;
 
 use std::io::Read;
@@ -34,8 +32,8 @@ use sheet::{Separator, TextTable};
 
 pub(crate) use canonical::PARTICLES;
 pub use canonical::{field as read_field, points as read_points};
-pub use conventions::{Conventions, Limits, Origin};
-pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
+pub use conventions::{Conventions, LengthUnit, Limits, Origin};
+pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults};
 use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
@@ -55,7 +53,7 @@ pub enum Format {
     Trackpy,
     /// TrackMate's table of spots.
     TrackmateSpots,
-    /// TrackMate's tracks as XML.
+    /// TrackMate's XML, saved or of exported tracks.
     TrackmateXml,
     /// XML of the ISBI challenge.
     Isbi,
@@ -126,6 +124,8 @@ impl Source {
     /// # Errors
     /// Everything that is wrong with it, with line numbers.
     pub fn read(self, format: Format, given: &Conventions) -> Result<TrackerResult> {
+        let how = if given.format.is_some() { "format given" } else { "format detected from the header" };
+        let given = &Conventions { format: Some(format), ..*given };
         let (name, mut found) = match self {
             Source::File(path) => (path.display().to_string(), of_file(&path, format, given)?),
             Source::Columns(columns) => {
@@ -136,7 +136,6 @@ impl Source {
                 (COLUMNS.to_owned(), found)
             }
         };
-        let how = if given.format.is_some() { "format given" } else { "format detected from the header" };
         let notes = match &mut found {
             TrackerResult::Points(points) => {
                 unique(&name, points)?;
@@ -167,8 +166,7 @@ pub fn read(path: impl Into<InputFile>, given: &Conventions) -> Result<TrackerRe
 fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<TrackerResult> {
     given.limits.check(path, path.open()?.metadata().map_err(|e| Error::read(path, e))?.len())?;
     Ok(match format {
-        Format::TrackmateXml => TrackerResult::Points(xml::trackmate(path, given)?),
-        Format::Isbi => TrackerResult::Points(xml::isbi(path, given)?),
+        Format::TrackmateXml | Format::Isbi => TrackerResult::Points(xml::read(path, format, given)?),
         Format::DefocustrackerAscii => TrackerResult::Points(defocustracker::ascii(path, given)?),
         Format::Coco => TrackerResult::Points(coco::read(path, given)?),
         Format::Openpiv => TrackerResult::Field(openpiv::read(path, given)?),
@@ -188,10 +186,8 @@ fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<Trac
 fn of_table(table: TextTable, format: Format, given: &Conventions) -> Result<Option<TrackerResult>> {
     let points = match format {
         Format::Canonical => canonical::points_of(table, given)?,
-        Format::Trackpy => trackpy::read(table, given)?,
-        Format::TrackmateSpots => trackmate::spots(table, given)?,
+        Format::Trackpy | Format::TrackmateSpots | Format::Napari => programs::read(table, format, given)?,
         Format::Defocustracker => defocustracker::csv(table, given)?,
-        Format::Napari => napari::read(table, given)?,
         Format::Field => return Ok(Some(TrackerResult::Field(canonical::field_of(table, given)?))),
         _ => return Ok(None),
     };
@@ -240,41 +236,30 @@ pub fn detect(path: impl Into<InputFile>) -> Result<Format> {
         return later_field("PNG (KITTI flow)");
     }
     let head = Text::head(path)?;
-    if head.len() == HEAD && !head.contains(&b'\n') && !head.starts_with(b"<") && !head.starts_with(b"[") {
+    if head.len() == HEAD && !head.iter().any(|b| b"\n\r".contains(b)) && !b"<[".contains(&head[0]) {
         return Err(Error::input(format!("{name}:1: the first line is longer than {HEAD} bytes")));
     }
-    let text = String::from_utf8_lossy(&head);
-    if text.trim_start().starts_with('[') {
-        return Ok(Format::Coco);
+    let text = String::from_utf8_lossy(&head).replace("\r\n", "\n").replace('\r', "\n");
+    let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).take(4).collect();
+    let [first, second] = [0, 1].map(|k| lines.get(k).copied().unwrap_or_default());
+    let (start, lower) = (first.trim_start(), text.to_ascii_lowercase());
+    let is_tecplot = start.to_ascii_lowercase().starts_with("title");
+    let is_field = ["\"vx", "velocity u", "displacement"].iter().any(|name| lower.contains(name));
+    let known = [
+        (start.starts_with('['), Format::Coco),
+        (text.contains("<TrackContestISBI2012"), Format::Isbi),
+        (text.contains("<Tracks") || text.contains("<TrackMate"), Format::TrackmateXml),
+        (start.starts_with("PIVlab") || lines.iter().any(|l| l.starts_with("x [")), Format::Pivlab),
+        (second.trim_start().starts_with("scaling"), Format::DefocustrackerAscii),
+        (is_tecplot && is_field || start.starts_with("#DaVis"), Format::Davis),
+        (is_tecplot, Format::LptDa),
+        (start.starts_with('#') && first.contains('x') && first.contains('u'), Format::Openpiv),
+    ];
+    if let Some((_, format)) = known.iter().find(|(is, _)| *is) {
+        return Ok(*format);
     }
-    if text.trim_start().starts_with('<') {
-        return match () {
-            () if text.contains("TrackContestISBI2012") => Ok(Format::Isbi),
-            () if text.contains("<Tracks") => Ok(Format::TrackmateXml),
-            () if text.contains("<TrackMate") => later("full TrackMate"),
-            () => Err(Error::input(format!("{name}: XML, but neither TrackMate's tracks nor ISBI's"))),
-        };
-    }
-    let lines: Vec<&str> = text.lines().take(4).collect();
-    let first = lines.first().copied().unwrap_or_default();
-    let second = lines.get(1).copied().unwrap_or_default();
-    if first.starts_with("PIVlab") || lines.iter().any(|l| l.starts_with("x [")) {
-        return Ok(Format::Pivlab);
-    }
-    if second.trim_start().starts_with("scaling") {
-        return Ok(Format::DefocustrackerAscii);
-    }
-    if first.trim_start().to_ascii_lowercase().starts_with("title") {
-        let names = text.to_ascii_lowercase();
-        let is_field =
-            names.contains("\"vx") || names.contains("velocity u") || names.contains("displacement");
-        return Ok(if is_field { Format::Davis } else { Format::LptDa });
-    }
-    if first.starts_with("#DaVis") {
-        return Ok(Format::Davis);
-    }
-    if first.starts_with('#') && first.contains('x') && first.contains('u') {
-        return Ok(Format::Openpiv);
+    if start.starts_with('<') {
+        return Err(Error::input(format!("{name}: XML, but neither TrackMate's tracks nor ISBI's")));
     }
     // Numbers without a header: OpenPTV begins with the number of rows, MyPTV is tab-separated.
     let numbers = |line: &str| {
@@ -286,9 +271,8 @@ pub fn detect(path: impl Into<InputFile>) -> Result<Format> {
         (6.., _) if first.contains('\t') => return later("MyPTV"),
         _ => {}
     }
-    let separator = char::from(sheet::delimiter(first.as_bytes()));
-    let columns: Vec<&str> = first.split(separator).map(|c| c.trim().trim_matches('"')).collect();
-    of_header(&name.to_string(), first, &columns)
+    let columns = sheet::names(first.as_bytes(), sheet::delimiter(first.as_bytes()));
+    of_header(&name.to_string(), first, &columns.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// Detects the format of a table from the names of its columns; `first` is its first line.
@@ -300,7 +284,11 @@ fn of_header(name: &str, first: &str, columns: &[&str]) -> Result<Format> {
         () if has(&["x_px", "y_px", "dx_px", "dy_px"]) && !has(&["frame"]) => Ok(Format::Field),
         () if has(&["x_px", "y_px", "frame"]) => Ok(Format::Canonical),
         () if has(&["track_id", "t", "y", "x"]) => Ok(Format::Napari),
-        () if has(&["x", "y", "frame"]) && (has(&["particle"]) || has(&["mass"])) => Ok(Format::Trackpy),
+        () if has(&["x", "y", "frame"])
+            && ["particle", "mass", "track_id"].iter().any(|name| columns.contains(name)) =>
+        {
+            Ok(Format::Trackpy)
+        }
         () if has(&["x", "y"]) => {
             let what = format!(
                 "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \

@@ -7,7 +7,7 @@ use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 
-use csv::{ByteRecord, ReaderBuilder, Trim};
+use csv::ByteRecord;
 use dataset::Columns;
 use microsig_core::Spheroid;
 
@@ -35,8 +35,8 @@ type Lines = BufReader<UnixLines<Bounded<Text>>>;
 
 /// The rows below the header, and the number of lines read before.
 enum Source {
-    Separated(csv::Reader<Lines>, u64),
-    Space(Lines, u64),
+    /// With the delimiter.
+    Lines(Lines, u64, u8),
     Columns(Columns),
 }
 
@@ -49,8 +49,8 @@ pub struct TextTable {
     rows: usize,
     most_rows: usize,
     problems: Vec<String>,
-    /// Requested columns that appear more than once.
-    twice: RefCell<BTreeSet<String>>,
+    /// Requested columns that appear more than once: the one that is read, and the others.
+    twice: RefCell<BTreeSet<(usize, usize)>>,
     /// `None` where commas separate columns.
     decimals: Option<Decimals>,
     /// How the table differs from plain CSV.
@@ -84,28 +84,18 @@ impl TextTable {
                 left -= 1;
             }
         }
-        let column =
-            |field: &[u8]| String::from_utf8_lossy(field).trim_matches(['"', '#', ' ', '\t']).to_owned();
-        let (header, source, decimals) = match separator {
-            Separator::Comma => {
-                let delimiter = excel.unwrap_or_else(|| delimiter(&header));
-                match delimiter {
-                    b';' => style.push("with semicolons between columns"),
-                    b'\t' => style.push("with tabs between columns"),
-                    _ => {}
-                }
-                let mut reader = ReaderBuilder::new();
-                reader.has_headers(false).flexible(true).quoting(false).trim(Trim::All).delimiter(delimiter);
-                let header = header.split(|byte| *byte == delimiter).map(column).collect();
-                let decimals = (delimiter != b',').then(Decimals::default);
-                (header, Source::Separated(reader.from_reader(lines), line), decimals)
-            }
-            Separator::Space => {
-                let header = header.split(u8::is_ascii_whitespace).map(column);
-                let header = header.filter(|name| !name.is_empty()).collect();
-                (header, Source::Space(lines, line), Some(Decimals::default()))
-            }
+        let delimiter = match separator {
+            Separator::Comma => excel.unwrap_or_else(|| delimiter(&header)),
+            Separator::Space => b' ',
         };
+        match delimiter {
+            b';' => style.push("with semicolons between columns"),
+            b'\t' => style.push("with tabs between columns"),
+            _ => {}
+        }
+        let decimals = (delimiter != b',').then(Decimals::default);
+        let header = names(&header, delimiter);
+        let source = Source::Lines(lines, line, delimiter);
         Ok(TextTable { decimals, style, ..TextTable::new(name, header, source) })
     }
 
@@ -154,12 +144,7 @@ impl TextTable {
         let failed = |e: std::io::Error| Error::input(format!("{}: {e}", self.name));
         match &mut self.source {
             Source::Columns(_) => Ok(None),
-            Source::Separated(reader, above) => {
-                let more = reader.read_byte_record(record).map_err(|e| failed(std::io::Error::from(e)))?;
-                // A record is a line; its own position is that of empty lines before it.
-                Ok(more.then(|| *above + reader.position().line() - 1))
-            }
-            Source::Space(reader, line) => {
+            Source::Lines(reader, line, delimiter) => {
                 let mut text = Vec::new();
                 loop {
                     text.clear();
@@ -167,10 +152,8 @@ impl TextTable {
                         return Ok(None);
                     }
                     *line += 1;
-                    let fields = text.split(u8::is_ascii_whitespace).filter(|f| !f.is_empty());
-                    record.clear();
-                    fields.for_each(|f| record.push_field(f));
-                    if !record.is_empty() {
+                    if !text.trim_ascii().is_empty() {
+                        split(&text, *delimiter, record);
                         return Ok(Some(*line));
                     }
                 }
@@ -190,12 +173,10 @@ impl TextTable {
 
     /// Index of a column, if present.
     pub fn column(&self, name: &str) -> Option<usize> {
-        let mut found = self.header.iter().enumerate().filter(|(_, h)| *h == name);
-        let first = found.next();
-        if found.next().is_some() {
-            self.twice.borrow_mut().insert(name.to_owned());
-        }
-        first.map(|(i, _)| i)
+        let mut found = (0..self.header.len()).filter(|i| self.header[*i] == name);
+        let first = found.next()?;
+        self.twice.borrow_mut().extend(found.map(|other| (first, other)));
+        Some(first)
     }
 
     /// Index of a required column.
@@ -215,11 +196,12 @@ impl TextTable {
         mut self,
         mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>,
     ) -> Result<Option<String>> {
+        // As after `set_index("frame", drop=False)` in pandas.
         let twice = self.twice.take();
-        if !twice.is_empty() {
-            let message = |column: &String| format!("{}: column {column} appears twice", self.name);
-            return Err(Error::Input(twice.iter().map(message).collect()));
-        }
+        let mut each = |cells: &Cells<'_>| match twice.iter().find(|(a, b)| !cells.are_equal(*a, *b)) {
+            Some((column, _)) => Err(format!("column {} appears twice, with different values", cells.name(*column))),
+            None => each(cells),
+        };
         if let Source::Columns(columns) = &self.source {
             for row in 0..columns.rows() {
                 let line = row as u64 + 2;
@@ -329,7 +311,7 @@ impl TextTable {
             Ok(())
         })?;
         points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
-        points.notes = converter.notes;
+        (points.read_as, points.notes) = (converter.conventions, converter.notes);
         points.notes.extend(style);
         points.n_nan = dropped.finish(&mut points.notes);
         Ok(points)
@@ -365,6 +347,36 @@ pub(super) fn delimiter(header: &[u8]) -> u8 {
     let count = |byte: u8| header.iter().filter(|b| **b == byte).count();
     // Of equal counts the last one is taken.
     [b'\t', b';', b','].into_iter().max_by_key(|byte| count(*byte)).unwrap_or(b',')
+}
+
+/// Splits a line into fields without their quotes; a delimiter between quotes separates nothing. A delimiter of
+/// a space stands for any number of spaces and tabs.
+fn split(line: &[u8], delimiter: u8, record: &mut ByteRecord) {
+    record.clear();
+    // An odd quote is a character, such as the sign of inches.
+    let quotes = line.iter().filter(|byte| **byte == b'"').count() % 2 == 0;
+    let (mut field, mut is_quoted) = (Vec::new(), false);
+    for &byte in line.strip_suffix(b"\n").unwrap_or(line).iter().chain(&[delimiter]) {
+        let separates = byte == delimiter || (delimiter == b' ' && byte == b'\t');
+        if byte == b'"' && quotes {
+            is_quoted = !is_quoted;
+        } else if separates && !is_quoted {
+            if delimiter != b' ' || !field.is_empty() {
+                record.push_field(field.trim_ascii());
+            }
+            field.clear();
+        } else {
+            field.push(byte);
+        }
+    }
+}
+
+/// The names of the columns in a header.
+pub(super) fn names(header: &[u8], delimiter: u8) -> Vec<String> {
+    let mut fields = ByteRecord::new();
+    split(header, delimiter, &mut fields);
+    let name = |field: &[u8]| String::from_utf8_lossy(field).trim_matches(['"', '#', ' ', '\t']).to_owned();
+    fields.iter().map(name).filter(|name| delimiter != b' ' || !name.is_empty()).collect()
 }
 
 /// Shortens a list of problems.

@@ -1,5 +1,7 @@
 //! Contents of results: particles or displacement fields.
 
+use super::Conventions;
+
 /// A position in the image and in depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Position {
@@ -45,6 +47,15 @@ pub struct Points {
     pub n_nan: usize,
     /// How the reader interpreted the file.
     pub notes: Vec<String>,
+    /// The conventions by which it was converted; the default: those of the dataset.
+    pub read_as: Conventions,
+}
+
+impl Points {
+    /// Whether depths are measured: a depth of 0 in every row is none.
+    pub fn has_depth(&self) -> bool {
+        self.has_z && (self.rows.is_empty() || self.rows.iter().any(|row| row.at.z_um != 0.0))
+    }
 }
 
 /// The box of a detection.

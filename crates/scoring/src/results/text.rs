@@ -9,8 +9,11 @@ use std::io::{Error as IoError, ErrorKind, Read};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
-/// Maximum length of a line, or distance between the ends of two XML tags, bytes.
+/// Maximum length of a line, bytes.
 const LONGEST_LINE: usize = 1 << 16;
+
+/// Maximum distance between the ends of two XML tags, bytes; TrackMate saves its log, which may be long.
+const LONGEST_TEXT: usize = 1 << 22;
 
 /// Number of bytes from which encoding and format are detected.
 pub(super) const HEAD: usize = 4096;
@@ -184,9 +187,12 @@ impl<R: Read> Read for Bounded<R> {
             if byte == self.end {
                 self.length = 0;
             }
-            if self.length > LONGEST_LINE {
-                let what = if self.end == b'\n' { "the line" } else { "a tag or text" };
-                let message = format!("line {}: {what} is longer than {LONGEST_LINE} bytes", self.line);
+            let (what, most) = match self.end {
+                b'\n' => ("the line", LONGEST_LINE),
+                _ => ("a tag or text", LONGEST_TEXT),
+            };
+            if self.length > most {
+                let message = format!("line {}: {what} is longer than {most} bytes", self.line);
                 return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
             }
         }

@@ -1,114 +1,128 @@
-//! Tracks as XML: `<particle>` with `<detection t x y z/>`, as written by TrackMate's "Export tracks to XML"
-//! (um, first pixel's center at 0) and by the ISBI 2012 challenge (px). Frames from 0. Document type
-//! declarations, and thus custom entities, are refused.
+//! Tracks as XML. `<particle>` with `<detection t x y z/>`, as written by TrackMate's "Export tracks to XML"
+//! and by the ISBI 2012 challenge (px); and the file that TrackMate saves (`<TrackMate>`), with all spots and
+//! the edges between them. The first pixel's center is at 0, frames are numbered from 0; TrackMate states its
+//! unit of length. Document type declarations, and thus custom entities, are refused.
+//!
+//! Of the file that TrackMate saves, the spots of tracks that its filters keep are read, and visible spots
+//! that belong to no track. A spot that splits or merges ends a track, as in GEFF graphs, because a particle
+//! does neither.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::BufReader;
 
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
+use super::programs::trackmate_unit;
 use super::text::{Bounded, Text};
-use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, Position, TrackRow, shown};
+use super::{
+    Conventions, Converter, Format, FormatDefaults, LengthUnit, Origin, Points, Position, TrackRow, shown,
+};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
-pub(super) fn trackmate(path: &InputFile, given: &Conventions) -> Result<Points> {
-    let usual = FormatDefaults {
-        name: "TrackMate tracks",
-        origin: Origin::Center0,
-        frame_base: 0,
-        unit: LengthUnit::Um,
-    };
-    read(path, given, usual, "Tracks", false)
-}
-
-pub(super) fn isbi(path: &InputFile, given: &Conventions) -> Result<Points> {
-    let usual =
-        FormatDefaults { name: "ISBI tracks", origin: Origin::Center0, frame_base: 0, unit: LengthUnit::Px };
-    // The challenge's readers trim NaN at the ends of tracks and drop tracks with NaN in between.
-    read(path, given, usual, "TrackContestISBI2012", true)
-}
-
-fn read(
-    path: &InputFile,
-    given: &Conventions,
-    mut usual: FormatDefaults,
-    root: &str,
-    trims: bool,
-) -> Result<Points> {
-    let file = Text::open(path)?;
-    let mut reader = Reader::from_reader(BufReader::new(Bounded::new(file, b'>')));
+/// Reads tracks in one of these formats.
+pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Result<Points> {
+    let mut reader = Reader::from_reader(BufReader::new(Bounded::new(Text::open(path)?, b'>')));
     let at =
         |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));
+    // The challenge's readers trim NaN at the ends of tracks and drop tracks with NaN in between.
+    let trims = format == Format::Isbi;
     let mut points = Points { has_z: true, ..Points::default() };
-    let (mut converter, mut claimed) = (None, None);
-    let (mut buffer, mut track, mut inside, mut whole) = (Vec::new(), -1i64, false, false);
+    let (mut converter, mut claimed, mut graph) = (None, None, None);
+    let (mut buffer, mut track, mut inside) = (Vec::new(), -1i64, false);
+    // Number of open elements, and whether one of the file's tracks was closed.
+    let (mut depth, mut whole) = (0u32, false);
     // For the current particle: its first row, and the frames in which a coordinate is NaN.
     let (mut first, mut holes, mut torn) = (0, Vec::new(), 0);
     loop {
         buffer.clear();
         let event = reader.read_event_into(&mut buffer);
         let position = reader.buffer_position();
-        let event = event.map_err(|e| at(position, e.to_string()))?;
-        whole |= matches!(&event, Event::Empty(e) if e.name().as_ref() == root);
-        match event {
-            Event::DocType(_) => return Err(at(position, "document types are not supported".to_owned())),
-            Event::Start(e) | Event::Empty(e) if e.name().as_ref() == root => {
-                let units = attribute(&e, "spaceUnits").map_err(|what| at(position, what))?;
-                if units.is_some_and(|u| u.starts_with("pixel")) {
-                    usual.unit = LengthUnit::Px;
-                }
-                claimed = attribute(&e, "nTracks").map_err(|what| at(position, what))?;
-                converter = Some(Converter::new(usual, given)?);
-            }
-            Event::Start(e) if e.name().as_ref() == "particle" => {
-                (track, inside, first) = (track + 1, true, points.rows.len());
-                holes.clear();
-            }
-            Event::End(e) if e.name().as_ref() == "particle" => {
-                inside = false;
-                let whole = points.rows.split_off(first);
-                let span = whole.iter().map(|r| r.frame).min().zip(whole.iter().map(|r| r.frame).max());
-                let is_inner = |hole: &u32| span.is_some_and(|(first, last)| (first..=last).contains(hole));
-                points.n_nan += holes.len();
-                if trims && holes.iter().any(is_inner) {
-                    points.n_nan += whole.len();
-                    torn += 1;
-                } else {
-                    points.rows.extend(whole);
-                }
-            }
-            Event::End(e) if e.name().as_ref() == root => whole = true,
-            Event::Start(e) | Event::Empty(e) if e.name().as_ref() == "detection" => {
-                let Some(converter) = converter.as_ref().filter(|_| inside) else {
-                    return Err(at(position, "a detection outside of a particle".to_owned()));
-                };
-                let (frame, place) = detection(&e, converter).map_err(|what| at(position, what))?;
-                match place {
-                    Some(at) => points.rows.push(TrackRow { frame, track, at }),
-                    None => holes.push(frame),
-                }
-                if points.rows.len() > given.limits.rows {
-                    return Err(at(position, format!("more than {} detections", given.limits.rows)));
-                }
-            }
+        let wrong = |what: String| at(position, what);
+        match event.map_err(|e| wrong(e.to_string()))? {
+            Event::DocType(_) => return Err(wrong("document types are not supported".to_owned())),
             Event::Eof => break,
+            Event::End(e) => {
+                depth = depth.saturating_sub(1);
+                whole |= depth == 0;
+                if e.name().as_ref() == "particle" {
+                    inside = false;
+                    let whole = points.rows.split_off(first);
+                    let span = whole.iter().map(|r| r.frame).min().zip(whole.iter().map(|r| r.frame).max());
+                    let is_inner = |hole: &u32| span.is_some_and(|(a, b)| (a..=b).contains(hole));
+                    points.n_nan += holes.len();
+                    if trims && holes.iter().any(is_inner) {
+                        points.n_nan += whole.len();
+                        torn += 1;
+                    } else {
+                        points.rows.extend(whole);
+                    }
+                }
+            }
+            ref event @ (Event::Start(ref e) | Event::Empty(ref e)) => {
+                if matches!(event, Event::Start(_)) {
+                    depth += 1;
+                } else {
+                    whole |= depth == 0;
+                }
+                match e.name().as_ref() {
+                    root @ ("Tracks" | "TrackContestISBI2012" | "Model") => {
+                        let name = if trims { "ISBI tracks" } else { "TrackMate tracks" };
+                        let key = if root == "Model" { "spatialunits" } else { "spaceUnits" };
+                        let unit = match attribute(e, key).map_err(wrong)? {
+                            _ if trims => LengthUnit::Px,
+                            Some(stated) => trackmate_unit(&stated, given)?,
+                            None => LengthUnit::Um,
+                        };
+                        let usual = FormatDefaults { name, origin: Origin::Center0, frame_base: 0, unit };
+                        converter = Some(Converter::new(usual, given)?);
+                        claimed = attribute(e, "nTracks").map_err(wrong)?;
+                        graph = (root == "Model").then(Graph::default);
+                    }
+                    "particle" => {
+                        (track, inside, first) = (track + 1, matches!(event, Event::Start(_)), points.rows.len());
+                        holes.clear();
+                    }
+                    "detection" => {
+                        let Some(converter) = converter.as_ref().filter(|_| inside) else {
+                            return Err(wrong("a detection outside of a particle".to_owned()));
+                        };
+                        let (frame, place) = place(e, ["t", "x", "y", "z"], converter).map_err(wrong)?;
+                        match place {
+                            Some(at) => points.rows.push(TrackRow { frame, track, at }),
+                            None => holes.push(frame),
+                        }
+                    }
+                    name => {
+                        if let Some((graph, converter)) = graph.as_mut().zip(converter.as_ref()) {
+                            graph.take(name, e, converter).map_err(wrong)?;
+                        }
+                    }
+                }
+                let rows = points.rows.len() + graph.as_ref().map_or(0, |g| g.spots.len().max(g.edges.len()));
+                if rows > given.limits.rows {
+                    return Err(wrong(format!("more than {} detections", given.limits.rows)));
+                }
+            }
             _ => {}
         }
     }
+    let wrong = |what: String| at(reader.buffer_position(), what);
     if inside {
-        return Err(at(reader.buffer_position(), "the file ends within a particle".to_owned()));
+        return Err(wrong("the file ends within a particle".to_owned()));
     }
-    let converter =
-        converter.ok_or_else(|| Error::input(format!("{}: no element {root}", path.display())))?;
+    let converter = converter.ok_or_else(|| Error::input(format!("{}: no tracks", path.display())))?;
     if !whole {
-        return Err(at(reader.buffer_position(), format!("the file ends within {root}")));
+        return Err(wrong("the file ends within an element".to_owned()));
     }
     if let Some(claimed) = claimed.filter(|n| *n != (track + 1).to_string()) {
-        let what = format!("nTracks = {:?}, but the file has {}", shown(&claimed), track + 1);
-        return Err(at(reader.buffer_position(), what));
+        return Err(wrong(format!("nTracks = {:?}, but the file has {}", shown(&claimed), track + 1)));
     }
-    points.notes = converter.notes;
+    (points.read_as, points.notes) = (converter.conventions, converter.notes);
+    if let Some(graph) = graph {
+        graph.finish(&mut points).map_err(|what| Error::input(format!("{}: {what}", path.display())))?;
+    }
     if points.n_nan > 0 {
         let tracks = if torn > 0 {
             format!(", with all of {torn} tracks that have some inside")
@@ -120,18 +134,118 @@ fn read(
     Ok(points)
 }
 
-/// Frame and position of a detection; `None` if a coordinate is NaN.
-fn detection(
+/// Spots and edges of the file that TrackMate saves.
+#[derive(Default)]
+struct Graph {
+    /// Frame and position of every spot, and whether it is visible.
+    spots: BTreeMap<i64, (u32, Option<Position>, bool)>,
+    /// Edges with their tracks.
+    edges: Vec<(i64, [i64; 2])>,
+    /// The tracks that filters keep; `None`: all.
+    kept: Option<BTreeSet<i64>>,
+    /// The track that contains the current edges.
+    track: i64,
+}
+
+impl Graph {
+    fn take(
+        &mut self,
+        name: &str,
+        e: &BytesStart<'_>,
+        converter: &Converter,
+    ) -> std::result::Result<(), String> {
+        let id = |key: &str| {
+            let text = attribute(e, key)?.ok_or_else(|| format!("{name} without {key}"))?;
+            text.parse::<i64>().map_err(|_| format!("{key} = {:?}: expected a whole number", shown(&text)))
+        };
+        match name {
+            "Spot" => {
+                let keys = ["FRAME", "POSITION_X", "POSITION_Y", "POSITION_Z"];
+                let (frame, at) = place(e, keys, converter)?;
+                let is_visible = attribute(e, "VISIBILITY")?.is_none_or(|v| v.parse() != Ok(0.0));
+                let id = id("ID")?;
+                if self.spots.insert(id, (frame, at, is_visible)).is_some() {
+                    return Err(format!("two spots with ID = {id}"));
+                }
+            }
+            "Track" => self.track = id("TRACK_ID")?,
+            "Edge" => self.edges.push((self.track, [id("SPOT_SOURCE_ID")?, id("SPOT_TARGET_ID")?])),
+            "FilteredTracks" => self.kept = Some(BTreeSet::new()),
+            "TrackID" => {
+                let id = id("TRACK_ID")?;
+                self.kept.get_or_insert_default().insert(id);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Adds the spots to the points; tracks are chains of edges.
+    fn finish(self, points: &mut Points) -> std::result::Result<(), String> {
+        let is_kept = |track| self.kept.as_ref().is_none_or(|kept| kept.contains(&track));
+        let (mut in_tracks, mut in_others) = (BTreeSet::new(), BTreeSet::new());
+        let (mut after, mut before) = (BTreeMap::<i64, Vec<i64>>::new(), BTreeMap::<i64, Vec<i64>>::new());
+        for (track, [mut a, mut b]) in self.edges {
+            let frame = |id| match self.spots.get(&id) {
+                Some((frame, ..)) => Ok(*frame),
+                None => Err(format!("an edge of track {track} to spot {id}, which does not exist")),
+            };
+            let (first, last) = (frame(a)?, frame(b)?);
+            if first == last {
+                return Err(format!("an edge of track {track} between two spots of frame {first}"));
+            }
+            if first > last {
+                (a, b) = (b, a);
+            }
+            if is_kept(track) {
+                in_tracks.extend([a, b]);
+                after.entry(a).or_default().push(b);
+                before.entry(b).or_default().push(a);
+            } else {
+                in_others.extend([a, b]);
+            }
+        }
+        let only = |ends: Option<&Vec<i64>>| ends.filter(|ends| ends.len() == 1).map(|ends| ends[0]);
+        let link = |a: i64| only(after.get(&a)).filter(|b| only(before.get(b)).is_some());
+        let starts = in_tracks.iter().filter(|b| only(before.get(b)).and_then(link).is_none());
+        let mut numbers = BTreeMap::new();
+        for (track, start) in (0..).zip(starts) {
+            let chain = std::iter::successors(Some(*start), |spot| link(*spot));
+            numbers.extend(chain.map(|spot| (spot, track)));
+        }
+        let (mut hidden, mut filtered) = (0, 0);
+        for (id, (frame, at, is_visible)) in self.spots {
+            let track = numbers.get(&id).copied();
+            match at {
+                _ if track.is_none() && in_others.contains(&id) => filtered += 1,
+                _ if track.is_none() && !is_visible => hidden += 1,
+                Some(at) => points.rows.push(TrackRow { frame, track: track.unwrap_or(-1), at }),
+                None => points.n_nan += 1,
+            }
+        }
+        let branches = after.values().chain(before.values()).filter(|ends| ends.len() > 1).count();
+        let said = [
+            (hidden, "spots hidden by filters are not read"),
+            (filtered, "spots of tracks that filters remove are not read"),
+            (branches, "splits and merges end tracks"),
+        ];
+        points.notes.extend(said.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
+        Ok(())
+    }
+}
+
+/// Frame and position of an element, from attributes of these names; no position if a coordinate is NaN.
+fn place(
     e: &BytesStart<'_>,
+    [t, x, y, z]: [&str; 4],
     converter: &Converter,
 ) -> std::result::Result<(u32, Option<Position>), String> {
     let number = |name: &str| {
-        let text = attribute(e, name)?.ok_or_else(|| format!("a detection without {name}"))?;
+        let text = attribute(e, name)?.ok_or_else(|| format!("a {} without {name}", e.name().as_ref()))?;
         text.parse::<f64>().map_err(|_| format!("{name} = {:?}: expected a number", shown(&text)))
     };
-    let frame = converter.frame(number("t")?)?;
-    let at = converter.position(number("x")?, number("y")?, number("z")?)?;
-    Ok((frame, at))
+    let frame = converter.frame(number(t)?)?;
+    Ok((frame, converter.position(number(x)?, number(y)?, number(z)?)?))
 }
 
 fn attribute(e: &BytesStart<'_>, name: &str) -> std::result::Result<Option<String>, String> {
