@@ -125,6 +125,7 @@ class How(TypedDict):
     isbi_gate_px: float | None
     border_px: float
     origin: str | None
+    unit: str | None
     y_up: bool | None
     frame_base: int | None
     um_per_px: float | None

@@ -143,19 +143,24 @@ class _Part:
         return ", ".join(f"{name}: {value}" for name, value in self._values.items())
 
 
-def _columns(result: Any) -> dict[str, Any]:
-    """Columns of a table of whatever kind."""
+def _columns(result: Any) -> list[tuple[str, Any]]:
+    """Columns of a table of whatever kind. Names may recur, as after ``set_index("frame", drop=False)``: the compiled part
+    refuses columns that it reads and that differ."""
     if isinstance(result, Table):
-        return result.origin(1).to_dict()
+        return list(result.origin(1).items())
     if isinstance(result, Mapping):
-        return dict(result)
+        return [(str(name), values) for name, values in result.items()]
+    if hasattr(result, "iloc"):
+        columns = [(str(name), result.iloc[:, k]) for k, name in enumerate(result.columns)]
+        levels = [(str(name), result.index.get_level_values(k)) for k, name in enumerate(result.index.names) if name is not None]
+        return columns + levels
     if hasattr(result, "columns"):
-        return {str(name): np.asarray(result[name]) for name in result.columns}
+        return [(str(name), result[name]) for name in result.columns]
     raise TypeError(f"a result is a path, a table, a data frame or a dict, not {type(result).__name__}")
 
 
 def _given(result: Any) -> list[tuple[str, NDArray[Any] | list[str]]]:
-    columns = [(name, plain(f"result: {name}", values)) for name, values in _columns(result).items()]
+    columns = [(name, plain(f"result: {name}", values)) for name, values in _columns(result)]
     if not columns:
         raise ValueError("result: no columns; expected frame, track, x_px, y_px [, z_um] or x_px, y_px, dx_px, dy_px")
     if len({len(values) for _, values in columns}) > 1:
@@ -179,7 +184,8 @@ def evaluate(
     dims: Literal[2, 3] | None = None,
     isbi_gate_px: float | None = None,
     border_px: float = 0.0,
-    origin: Literal["center1", "center0", "corner0"] | None = None,
+    origin: Literal["center1", "center0", "corner0", "middle"] | None = None,
+    unit: str | None = None,
     y: Literal["down", "up"] | None = None,
     frame_base: int | None = None,
     um_per_px: float | None = None,
@@ -194,7 +200,8 @@ def evaluate(
     :param dataset: a dataset, its folder, or a bare table of the truth
     :param result: a file of any format that the command reads; or columns of particles ``frame, track, x_px, y_px [, z_um]``
         (track -1: not linked) or of a field ``x_px, y_px, dx_px, dy_px [, dz_um] [, flag] [, pair]``, as a table, a data frame
-        or a dict of arrays. trackpy's data frames (``frame, x, y, particle``) are recognized too.
+        or a dict of arrays. trackpy's data frames (``frame, x, y, particle``) are recognized too. Masked values are missing
+        ones; a data frame's index counts as a column if it has a name.
     :param format: the result's format, by default from its header
     :param gate: shape of the gate, by default ellipsoid with depth, radial without
     :param gate_xy_px: width of the gate in the image plane, px, by default 2
@@ -203,6 +210,7 @@ def evaluate(
     :param isbi_gate_px: gate of the ISBI scores, px, by default 5
     :param border_px: do not score particles this near to the edge of the image, px
     :param origin: where the result has the first pixel's center, by default as usual in its format
+    :param unit: unit of x and y in the result (``px``, ``um``, ``mm``, ...), by default as stated in it or usual in its format
     :param y: which way y grows in the result
     :param frame_base: number of the result's first frame
     :param um_per_px: object-space length of a pixel, um, for a bare table
@@ -225,7 +233,8 @@ def evaluate(
         "dims": optional(one_of, "dims", dims, (2, 3)),
         "isbi_gate_px": optional(real, "isbi_gate_px", isbi_gate_px),
         "border_px": real("border_px", border_px),
-        "origin": optional(one_of, "origin", origin, ("center1", "center0", "corner0")),
+        "origin": optional(one_of, "origin", origin, ("center1", "center0", "corner0", "middle")),
+        "unit": None if unit is None else str(unit),
         "y_up": None if y is None else one_of("y", y, ("down", "up")) == "up",
         "frame_base": optional(whole, "frame_base", frame_base, -(2**31), 2**31),
         "um_per_px": optional(real, "um_per_px", um_per_px),

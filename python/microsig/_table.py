@@ -45,7 +45,7 @@ class Table(dict[str, NDArray[Any]]):
         """Create a table from one-dimensional columns of equal length; raises ValueError if their lengths differ."""
         arrays: dict[str, NDArray[Any]] = {}
         for column, values in columns.items():
-            array = np.asarray(values)
+            array = unmasked(values)
             if array.ndim != 1:
                 raise ValueError(f"{name}: {column} has shape {array.shape}: expected one dimension")
             arrays[column] = array
@@ -197,9 +197,20 @@ class Table(dict[str, NDArray[Any]]):
         return f"{title}<table><tr>{head}</tr>{rows}</table>"
 
 
+def unmasked(values: Any) -> NDArray[Any]:
+    """An array in which masked values are missing: NaN, or empty texts."""
+    if not np.ma.is_masked(values):
+        return np.asarray(values)
+    if values.dtype.kind in "iuf":
+        return np.asarray(values.astype(np.float64).filled(np.nan))
+    return np.where(np.ma.getmaskarray(values), None, np.ma.getdata(values).astype(object))
+
+
 def plain(name: str, values: Any) -> NDArray[Any] | list[str]:
     """A column as the compiled part takes it: int64, float64 or texts; ``name`` is that in messages."""
-    array = np.asarray(values)
+    array = unmasked(values)
+    if array.dtype.kind == "c":
+        raise ValueError(f"{name} of type {array.dtype}: expected real numbers")
     if array.ndim != 1:
         raise ValueError(f"{name} has shape {array.shape}: expected one dimension")
     if array.dtype.kind in "iub" and array.dtype != np.uint64:

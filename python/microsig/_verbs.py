@@ -137,9 +137,12 @@ def _scan(scan: Any, z: Any) -> tuple[Path | NDArray[Any], Path | list[float] | 
     if isinstance(scan, (str, os.PathLike)):
         return Path(scan), positions
     array = np.asarray(scan)
-    if array.ndim != 3 or array.dtype not in (np.uint8, np.uint16):
+    if np.ma.is_masked(scan):
+        raise ValueError(f"scan: {np.ma.count_masked(scan)} gray values are masked; expected counts")
+    kind = array.dtype.newbyteorder("=")
+    if array.ndim != 3 or kind not in (np.uint8, np.uint16):
         raise ValueError(f"scan of shape {array.shape} and type {array.dtype}: expected uint8 or uint16 (steps, rows, columns)")
-    return np.ascontiguousarray(array), positions
+    return np.ascontiguousarray(array, dtype=kind), positions
 
 
 def _planes(planes: tuple[int, int]) -> tuple[int, int]:

@@ -150,12 +150,13 @@ def test_graphs_of_geff_are_tracks(ds, tmp_path):
     places = {(int(t), int(f)): k for k, (t, f) in enumerate(zip(nodes["track"], nodes["frame"]))}
     edges = [[ids[k], ids[places[t, f + 1]]] for (t, f), k in places.items() if (t, f + 1) in places and f % 2 == 0]
 
-    def written(name, unit, scale, **about):
+    def written(name, unit, scale, arrays={}, **about):
         group = zarr.open_group(str(tmp_path / name), mode="w")
         axes = [{"name": "t", "type": "time"}] + [{"name": a, "type": "space", "unit": u} for a, u in zip("zyx", ("micrometer", unit, unit))]
         group.attrs["geff"] = {"geff_version": "1.1", "directed": True, "axes": axes, **about}
         columns = {"t": nodes["frame"], "z": nodes["z_um"], "y": nodes["y_px"] * scale, "x": nodes["x_px"] * scale, "own": nodes["track"]}
-        for path, array in {"nodes/ids": ids, "edges/ids": np.array(edges), **{f"nodes/props/{c}/values": v for c, v in columns.items()}}.items():
+        values = {f"nodes/props/{c}/values": v for c, v in columns.items()}
+        for path, array in {"nodes/ids": ids, "edges/ids": np.array(edges), **values, **arrays}.items():
             made = group.create_array(path, shape=array.shape, dtype=array.dtype)
             made[...] = array
         return tmp_path / name
@@ -171,6 +172,26 @@ def test_graphs_of_geff_are_tracks(ds, tmp_path):
         assert scores.detection.f1 == 1 and scores.links.f1 == 1, path
     with pytest.raises(ValueError, match="um_per_px"):
         ms.read_geff(tmp_path / "um")
+    first = np.arange(len(ids)) == 0
+    missing = {"nodes/props/x/missing": first, "nodes/props/own/missing": first}
+    table = ms.read_geff(written("missing", "pixel", 1.0, missing, track_node_props={"tracklet": "own"}))
+    assert np.isnan(table.x_px).sum() == (table.track == -1).sum() == 1
+    assert ms.evaluate(ds, table).counts.n_nan == 1
+    times = nodes["frame"].astype(float)
+    t = "nodes/props/t/values"
+    two = [{"name": "t", "type": "time"}, {"name": "u", "type": "time"}]
+    for arrays, about, says in (
+        ({t: np.where(first, np.nan, times)}, {}, "t = nan"),
+        ({t: np.where(first, 1e300, times)}, {}, "t = 1e\\+300"),
+        ({t: np.where(first, np.inf, times)}, {}, "t = inf"),
+        ({"nodes/props/t/missing": first}, {}, "t = nan"),
+        ({"nodes/props/x/values": times + 1j}, {}, "type complex128"),
+        ({"edges/ids": np.array([[100, 7]])}, {}, "an edge to node 7"),
+        ({}, {"track_node_props": {"tracklet": "none"}}, "no none"),
+        ({}, {"axes": two}, "one of time"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            ms.read_geff(written("wrong", "pixel", 1.0, arrays, **about))
     with pytest.raises(ValueError, match="expected a GEFF graph"):
         ms.read_geff(ds.save(tmp_path / "dataset"))
     with pytest.raises(FileNotFoundError):

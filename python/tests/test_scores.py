@@ -162,6 +162,63 @@ def test_bad_results_raise(result, options, kind, says):
     assert says in str(raised.value)
 
 
+def test_columns_are_read_as_their_arrays_mean_them():
+    dataset = ms.generate(SMALL)
+    seen = dataset.tracks[dataset.tracks["visible"] == 1]
+    good = {c: seen[c] for c in ("frame", "track", "x_px", "y_px", "z_um")}
+    expected = ms.evaluate(dataset, good)
+    assert expected.detection.f1 == 1 and expected.definitions.dims == 3
+    swapped = {c: a.astype(a.dtype.newbyteorder(">")) for c, a in good.items()}
+    assert ms.evaluate(dataset, swapped).json == expected.json
+    # Masked rows are missing, whatever stands in them, and masked tracks are not linked.
+    mask = np.arange(len(seen)) % 2 == 0
+    masked = dict(good, x_px=np.ma.masked_array(np.where(mask, 1e5, seen["x_px"]), mask))
+    for table in (masked, ms.Table(masked)):
+        scores = ms.evaluate(dataset, table)
+        assert (scores.detection.tp, scores.detection.fp, scores.counts.n_nan) == ((~mask).sum(), 0, mask.sum())
+    unlinked = ms.evaluate(dataset, dict(good, track=np.ma.masked_array(seen["track"], mask)))
+    assert (unlinked.detection.f1, unlinked.counts.n_unlinked) == (1, mask.sum())
+    for values in (np.ma.masked_array(seen["x_px"], mask), seen["x_px"] + 1j):
+        with pytest.raises((ValueError, TypeError), match="x_px.*(masked|complex)"):
+            ms.render(dataset.settings, {**seen, "x_px": values})
+    with pytest.raises(ValueError, match="x_px of type complex128"):
+        ms.evaluate(dataset, dict(good, x_px=seen["x_px"] + 1j))
+    flat = ms.evaluate(dataset, dict(good, z_um=0 * seen["z_um"]))
+    assert (flat.detection.f1, flat.definitions.dims) == (1, 2) and "z is 0 in every row" in repr(flat)
+
+
+def test_the_index_of_a_data_frame_is_a_column_if_it_has_a_name():
+    pandas = pytest.importorskip("pandas")
+    dataset = ms.generate(SMALL)
+    seen = dataset.tracks[dataset.tracks["visible"] == 1]
+    frame = pandas.DataFrame(
+        {"y": seen.y_px - 1, "x": seen.x_px - 1, "z": seen.z_um, "frame": seen.frame, "particle": seen.track}
+    )
+    for table in (frame.set_index("frame", drop=False), frame.set_index("frame"), frame.convert_dtypes()):
+        assert ms.evaluate(dataset, table).detection.f1 == 1
+    missing = frame.assign(particle=pandas.array([None, *seen.track[1:]], dtype="Int64"))
+    assert ms.evaluate(dataset, missing).counts.n_unlinked == 1
+    later = frame.set_index(frame["frame"] + 1)
+    for table in (later, pandas.concat([frame, frame[["x"]] + 1], axis=1)):
+        with pytest.raises(ValueError, match="appears twice, with different values"):
+            ms.evaluate(dataset, table)
+
+
+def test_hints_name_the_argument_that_does_what_they_promise():
+    dataset = ms.generate(SMALL)
+    seen = dataset.tracks[dataset.tracks["visible"] == 1]
+    table = {c: seen[c] for c in ("frame", "track", "z_um")}
+    scale = dataset.um_per_px
+    um = dict(table, x_px=(seen.x_px - 0.5) * scale, y_px=(seen.y_px - 0.5) * scale)
+    scores = ms.evaluate(dataset, um)
+    assert scores.hints[0]["what"].endswith('; unit="um", origin="corner0"')
+    assert '"corner0"' in repr(scores) and "--origin" not in repr(scores)
+    assert scores.hints[0]["option"] == "--unit um --origin corner0" and "; --unit um --origin corner0" in scores.json
+    assert ms.evaluate(dataset, um, unit="um", origin="corner0").detection.f1 == scores.hints[0]["f1"] == 1
+    with pytest.raises(ValueError, match="unit = 'ell': expected one of px"):
+        ms.evaluate(dataset, um, unit="ell")
+
+
 def test_scores_are_compared():
     dataset = ms.generate(SMALL)
     good = ms.evaluate(dataset, dataset.tracks)

@@ -146,7 +146,10 @@ fn results_without_depth_are_refused_where_depth_is_scored() {
         [&["check-submission", path(&c.test), path(&good)][..], &["evaluate", path(&test), path(&good)]]
     {
         let message = fail(2, verb);
-        assert!(message.contains("no z_um; this challenge is scored in depth"), "{message}");
+        assert!(
+            message.contains("no z_um, or 0 in every row; this challenge is scored in depth"),
+            "{message}"
+        );
     }
 }
 

@@ -34,6 +34,7 @@ fn every_format_of_particles_scores_as_the_canonical_one() {
         // trackpy's 2-D table has no depth.
         ("trackpy.csv", 2),
         ("trackmate_tracks.xml", 3),
+        ("trackmate_model.xml", 3),
         ("trackmate_spots.csv", 3),
         ("isbi2012.xml", 3),
     ] {
@@ -236,11 +237,12 @@ fn conventions_can_be_stated() {
 }
 
 /// Every readable file, a coordinate or displacement as written in it, and whether it is a field.
-const READ: [(&str, &str, bool); 12] = [
+const READ: [(&str, &str, bool); 13] = [
     ("canonical.csv", "10.3", false),
     ("trackpy.csv", "9.3", false),
     ("trackmate_spots.csv", "5.9985", false),
     ("trackmate_tracks.xml", "5.9985", false),
+    ("trackmate_model.xml", "5.9985", false),
     ("isbi2012.xml", "9.3", false),
     ("defocustracker.csv", "10.3", false),
     ("defocustracker_ascii.txt", "1.03000e+01", false),
@@ -456,7 +458,6 @@ fn formats_that_are_not_read_yet_are_named() {
         (&b"2\n   1    6.644    6.708    0.000    1   -1   -1   -1\n"[..], "OpenPTV"),
         (b"2\n  -1    0      6.644      6.708      0.000\n", "OpenPTV"),
         (b"0\t6.644\t6.708\t0.000\t0\t-1\t-1\t0.020\t0.000\n", "MyPTV"),
-        (b"<TrackMate version=\"7\">\n<Model>", "TrackMate"),
         (b"\x89PNG\r\n\x1a\n", "KITTI"),
     ] {
         std::fs::write(&file, head).unwrap();

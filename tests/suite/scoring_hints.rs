@@ -133,7 +133,7 @@ fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
         let hint = format!("{hint} F1 would be 1.000 instead of ");
         assert!(hints.iter().any(|h| h.what.starts_with(&hint)), "{hint}: {hints:?}");
     };
-    hinted(&|r| r.frame += 1, "frames off by one? With the number of the first frame increased by one");
+    hinted(&|r| r.frame += 1, "frames off by one? With 1 as the number of the first frame");
     hinted(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped? With x and y exchanged");
     hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With y reversed");
 

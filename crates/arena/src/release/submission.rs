@@ -371,9 +371,10 @@ fn particles_or_vectors(
         match (points.has_depth(), facts.is_scored_in_depth()) {
             (true, _) => {}
             // Without depth, the gate would be wider.
-            (false, true) => {
-                problems.push(format!("{}: no z_um, or 0 in every row; this challenge is scored in depth", path.display()))
-            }
+            (false, true) => problems.push(format!(
+                "{}: no z_um, or 0 in every row; this challenge is scored in depth",
+                path.display()
+            )),
             (false, false) => warnings.push("no z_um: scored in the image plane only".to_owned()),
         }
         let sure = Limits::of_truth(0, 0, (width * height) as u64).rows;

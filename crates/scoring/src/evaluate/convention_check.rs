@@ -261,8 +261,7 @@ impl<'a> ConventionCheck<'a> {
         read_as: Conventions,
         options: Vec<Named>,
     ) -> Result<Suspect<'_>> {
-        let (now, other) =
-            (Converter::new(PARTICLES, &self.read_as)?, Converter::new(PARTICLES, &read_as)?);
+        let (now, other) = (Converter::new(PARTICLES, &self.read_as)?, Converter::new(PARTICLES, &read_as)?);
         let convention: Convention<'_> = Box::new(move |row| {
             let (frame, [x, y, z]) = now.unconverted(row);
             let at = other.position(x, y, z).ok()??;
@@ -277,7 +276,8 @@ impl<'a> ConventionCheck<'a> {
             let frames = || rows.iter().map(|row| i64::from(row.frame));
             frames().min().zip(frames().max())
         };
-        let Some(((first, last), (true_first, true_last))) = ends(self.rows).zip(ends(&self.truth.rows)) else {
+        let Some(((first, last), (true_first, true_last))) = ends(self.rows).zip(ends(&self.truth.rows))
+        else {
             return Ok(Vec::new());
         };
         let mut family = Vec::new();
@@ -311,7 +311,7 @@ impl<'a> ConventionCheck<'a> {
             if by.abs() == 0.5 || by.abs() == 1.0 {
                 tried.push(by);
                 let read_as = Conventions { origin: Some(origin), ..self.read_as };
-                let options = vec![option("origin").is(origin.name())];
+                let options = vec![option("origin").is(origin.names()[0])];
                 family.push(self.with_options(question.clone(), how(by), read_as, options)?);
             }
         }
@@ -350,14 +350,14 @@ impl<'a> ConventionCheck<'a> {
         let Some(um_per_px) = self.truth.facts.um_per_px else { return Ok(Vec::new()) };
         let mut family = Vec::new();
         let now = self.read_as.unit.unwrap_or(PARTICLES.unit);
-        for unit in LengthUnit::ALL.into_iter().filter(|unit| *unit != now) {
+        for unit in LengthUnit::all().filter(|unit| *unit != now) {
             for origin in Origin::ALL {
                 let read_as = Conventions { unit: Some(unit), origin: Some(origin), ..self.read_as };
                 let Ok([x0, y0]) = origin.shift_px(&read_as) else { continue };
                 let scale = unit.um().map_or(1.0, |um| um / um_per_px);
                 let mut options = vec![option("unit").is(unit.symbol())];
                 if self.read_as.origin.unwrap_or(PARTICLES.origin) != origin {
-                    options.push(option("origin").is(origin.name()));
+                    options.push(option("origin").is(origin.names()[0]));
                 }
                 family.push(self.with_options(
                     format!("x and y in {}?", unit.symbol()),
@@ -508,4 +508,153 @@ fn robust_line(pairs: &[[f64; 2]]) -> Option<(f64, f64)> {
     let slopes = sorted.iter().zip(&sorted[half..]).filter(|(p, q)| q[0] > p[0]);
     let a = median(slopes.map(|(p, q)| (q[1] - p[1]) / (q[0] - p[0])).collect())?;
     a.is_finite().then(|| (a, median_offset(pairs, a)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::{EvaluateOptions, Score, particles};
+    use crate::results::{Source, TrackerResult};
+    use dataset::RecordingFacts;
+
+    /// Particles that move by 2 px a frame, at places of no order.
+    fn truth() -> TrueParticles {
+        let facts = RecordingFacts {
+            um_per_px: Some(0.645),
+            sensor_px: Some((300.0, 200.0)),
+            depth_um: Some((-20.0, 20.0)),
+            frames: Some(6),
+            ..RecordingFacts::default()
+        };
+        let row = |track: i64, frame: u32| {
+            let k = track as f64;
+            let (x, y) = ((k * 0.618_034).fract(), (k * 0.754_878).fract());
+            let at = Position {
+                x_px: 5.0 + 270.0 * x + 2.0 * f64::from(frame),
+                y_px: 5.0 + 190.0 * y,
+                z_um: -19.0 + 38.0 * (k * 0.569_84).fract(),
+            };
+            TrackRow { frame, track, at }
+        };
+        let rows: Vec<TrackRow> =
+            (0..60).flat_map(|track| (0..6).map(move |frame| row(track, frame))).collect();
+        TrueParticles {
+            facts,
+            visible: vec![true; rows.len()],
+            has_z: true,
+            rows,
+            ..TrueParticles::default()
+        }
+    }
+
+    /// Scores a table of particles, read by these options of the command.
+    fn scored(table: &str, options: &str) -> Score {
+        let truth = truth();
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("r.csv");
+        std::fs::write(&file, table).unwrap();
+        let mut given = Conventions::default().completed(&truth.facts);
+        let words: Vec<&str> = options.split_whitespace().collect();
+        for pair in words.chunks(2) {
+            let (name, value) = (pair[0], serde_json::Value::from(pair[1]));
+            match name {
+                "--origin" => given.origin = serde_json::from_value(value).unwrap(),
+                "--unit" => given.unit = serde_json::from_value(value).unwrap(),
+                "--frame-base" => given.frame_base = pair[1].parse().ok(),
+                "--y" => given.y_up = Some(pair[1] == "up"),
+                _ => panic!("{name}"),
+            }
+        }
+        let source = Source::File(file.into());
+        let format = source.format(&given).unwrap();
+        let TrackerResult::Points(points) = source.read(format, &given).unwrap() else { panic!("a field") };
+        particles(&truth, &points, &EvaluateOptions::default()).unwrap().score
+    }
+
+    /// A table with this header and rows; `place` gives x, y as the file has them.
+    fn table(header: &str, base: i64, place: impl Fn(&Position) -> [f64; 2]) -> String {
+        let row = |row: &TrackRow| {
+            let ([x, y], z) = (place(&row.at), row.at.z_um);
+            format!("{},{},{x:?},{y:?},{z:?}\n", i64::from(row.frame) + base, row.track)
+        };
+        format!("{header}\n{}", truth().rows.iter().map(row).collect::<String>())
+    }
+
+    #[test]
+    fn the_option_of_a_hint_gives_the_scores_that_the_hint_promises() {
+        const TRACKPY: &str = "frame,particle,x,y,z";
+        const NAPARI: &str = "t,track_id,x,y,z";
+        const OWN: &str = "frame,track,x_px,y_px,z_um";
+        let um = |shift: f64, um: f64| move |at: &Position| [(at.x_px - shift) * um, (at.y_px - shift) * um];
+        let noisy = |at: &Position| {
+            let noise = |v: f64| 0.8 * ((v * 7919.0).fract() - 0.5);
+            [at.x_px - 1.0 + noise(at.x_px), at.y_px - 1.0 + noise(at.y_px)]
+        };
+        let middle = |at: &Position| [(at.x_px - 150.5) * 0.645e-3, (at.y_px - 100.5) * 0.645e-3];
+        let up = |at: &Position| [at.x_px - 1.0, 200.0 - at.y_px];
+        let cases = [
+            ("--unit um", table(TRACKPY, 0, um(1.0, 0.645))),
+            ("--unit um", table(NAPARI, 0, um(1.0, 0.645))),
+            ("--unit um --origin corner0", table(TRACKPY, 0, um(0.5, 0.645))),
+            ("--unit mm", table(NAPARI, 0, um(1.0, 0.645e-3))),
+            ("--unit m", table(TRACKPY, 0, um(1.0, 0.645e-6))),
+            ("--unit mm --origin middle", table(TRACKPY, 0, middle)),
+            ("--unit um --origin center0", table(OWN, 0, um(1.0, 0.645))),
+            ("--origin center0", table(OWN, 0, um(1.0, 1.0))),
+            ("--origin corner0", table(OWN, 0, um(0.5, 1.0))),
+            ("--origin center1", table(TRACKPY, 0, um(0.0, 1.0))),
+            ("--origin center0", table(OWN, 0, noisy)),
+            ("--y up", table(TRACKPY, 0, up)),
+            ("--frame-base 1", table(TRACKPY, 1, um(1.0, 1.0))),
+            ("--frame-base 2", table(OWN, 2, um(0.0, 1.0))),
+            ("--frame-base 5", table(NAPARI, 5, um(1.0, 1.0))),
+            ("--frame-base 1000", table(TRACKPY, 1000, um(1.0, 1.0))),
+        ];
+        for (option, text) in cases {
+            let hints = scored(&text, "").hints;
+            let Some(hint) = hints.first().filter(|hint| hint.option == option) else {
+                panic!("{option}: {hints:?}");
+            };
+            assert!(hint.what.ends_with(&format!("; {option}")), "{hint:?}");
+            let argument = hint.clone().in_python().what;
+            assert!(argument.ends_with(&hint.argument) && !argument.contains("--"), "{argument}");
+            let score = scored(&text, option);
+            let found = score.detection.unwrap_or_default();
+            assert_eq!((found.f1, score.hints.len()), (hint.f1, 0), "{option}");
+            // Positions are converted back and forth, which rounds.
+            assert!((found.rmse_xy_px.unwrap() - hint.rms_px.unwrap()).abs() < 1e-9, "{option}: {hint:?}");
+        }
+        assert_eq!(scored(&table(TRACKPY, 0, um(1.0, 1.0)), "").hints, []);
+        // No option does this.
+        let swapped = scored(&table(OWN, 0, |at| [at.y_px, at.x_px]), "").hints;
+        assert!(swapped[0].what.ends_with("change the file, there is no option"), "{swapped:?}");
+    }
+
+    #[test]
+    fn a_depth_of_0_in_every_row_is_no_depth() {
+        let exact = table("frame,track,x_px,y_px,z_um", 0, |at| [at.x_px, at.y_px]);
+        let without = |z: &str| {
+            let row = |line: &str| {
+                if line.starts_with("frame") {
+                    line.to_owned()
+                } else {
+                    line.rsplit_once(',').unwrap().0.to_owned() + "," + z
+                }
+            };
+            exact.lines().map(row).collect::<Vec<_>>().join("\n")
+        };
+        for z in ["0", "0.0", "-0"] {
+            let score = scored(&without(z), "");
+            assert_eq!((score.definitions.dims, score.detection.unwrap().f1), (2, Some(1.0)));
+            assert!(
+                score.warnings.iter().any(|w| w.starts_with("z is 0 in every row")),
+                "{:?}",
+                score.warnings
+            );
+        }
+        for text in [exact.clone(), without("3")] {
+            let score = scored(&text, "");
+            assert_eq!((score.definitions.dims, score.warnings.len()), (3, 0), "{:?}", score.warnings);
+        }
+    }
 }

@@ -96,28 +96,10 @@ impl<'a> Cells<'a> {
         Err(format!("{} = {:?}: expected a number{hint}", self.header[column], super::shown(text)))
     }
 
-    /// Whether two cells have the same text or number.
+    /// Whether two cells of columns of one name have the same number, or the same text that is none.
     pub(super) fn are_equal(&self, a: usize, b: usize) -> bool {
-        let same = |a: f64, b: f64| a == b || (a.is_nan() && b.is_nan());
-        match (self.number(a), self.number(b)) {
-            (Ok(a), Ok(b)) => same(a, b),
-            _ => self.text(a).is_ok_and(|text| self.text(b) == Ok(text)),
-        }
-    }
-
-    /// The text of a cell.
-    ///
-    /// # Errors
-    /// Bytes that are not UTF-8.
-    pub fn text(&self, column: usize) -> std::result::Result<&str, String> {
-        let text = match self.place {
-            Place::Record(record) => std::str::from_utf8(&record[column]).ok(),
-            Place::Columns(columns, row) => match &columns.0[column].1 {
-                Values::Texts(values) => Some(values[row].as_str()),
-                _ => None,
-            },
-        };
-        text.ok_or_else(|| format!("{}: expected UTF-8 text", self.header[column]))
+        // NaN, which is no number, has one text.
+        format!("{:?}", self.number(a)) == format!("{:?}", self.number(b))
     }
 
     /// The name of a column.

@@ -31,7 +31,7 @@ pub enum Origin {
 }
 
 impl Origin {
-    pub(crate) const ALL: [Origin; 4] = [Origin::Center0, Origin::Corner0, Origin::Center1, Origin::Middle];
+    pub(crate) const ALL: [Self; 4] = [Self::Center0, Self::Corner0, Self::Center1, Self::Middle];
 
     /// Shift to be added to x and y so that the first center is (1, 1), px.
     pub(crate) fn shift_px(self, given: &Conventions) -> Result<[f64; 2]> {
@@ -47,22 +47,13 @@ impl Origin {
         }
     }
 
-    /// The name as an option.
-    pub(crate) fn name(self) -> &'static str {
+    /// The name as an option, and in words.
+    pub(crate) fn names(self) -> [&'static str; 2] {
         match self {
-            Origin::Center1 => "center1",
-            Origin::Center0 => "center0",
-            Origin::Corner0 => "corner0",
-            Origin::Middle => "middle",
-        }
-    }
-
-    fn words(self) -> &'static str {
-        match self {
-            Origin::Center1 => "first pixel's center at (1, 1)",
-            Origin::Center0 => "first pixel's center at (0, 0)",
-            Origin::Corner0 => "first pixel's center at (0.5, 0.5)",
-            Origin::Middle => "middle of the image at (0, 0)",
+            Origin::Center1 => ["center1", "first pixel's center at (1, 1)"],
+            Origin::Center0 => ["center0", "first pixel's center at (0, 0)"],
+            Origin::Corner0 => ["corner0", "first pixel's center at (0.5, 0.5)"],
+            Origin::Middle => ["middle", "middle of the image at (0, 0)"],
         }
     }
 }
@@ -87,60 +78,43 @@ pub enum LengthUnit {
     Inch,
 }
 
+/// Every unit with its symbol, which is also its name as an option, its English name, and its size in um.
+const UNITS: [(LengthUnit, &str, &str, Option<f64>); 7] = [
+    (LengthUnit::Px, "px", "pixel", None),
+    (LengthUnit::Nm, "nm", "nanometer", Some(1e-3)),
+    (LengthUnit::Um, "um", "micrometer", Some(1.0)),
+    (LengthUnit::Mm, "mm", "millimeter", Some(1e3)),
+    (LengthUnit::Cm, "cm", "centimeter", Some(1e4)),
+    (LengthUnit::M, "m", "meter", Some(1e6)),
+    (LengthUnit::Inch, "inch", "inche", Some(25_400.0)),
+];
+
 impl LengthUnit {
-    pub(crate) const ALL: [LengthUnit; 7] = [
-        LengthUnit::Um,
-        LengthUnit::Mm,
-        LengthUnit::M,
-        LengthUnit::Px,
-        LengthUnit::Nm,
-        LengthUnit::Cm,
-        LengthUnit::Inch,
-    ];
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        UNITS.iter().map(|unit| unit.0)
+    }
 
     /// The unit in um; `None`: pixels.
     pub(crate) fn um(self) -> Option<f64> {
-        match self {
-            LengthUnit::Px => None,
-            LengthUnit::Nm => Some(1e-3),
-            LengthUnit::Um => Some(1.0),
-            LengthUnit::Mm => Some(1e3),
-            LengthUnit::Cm => Some(1e4),
-            LengthUnit::M => Some(1e6),
-            LengthUnit::Inch => Some(25_400.0),
-        }
+        UNITS[self as usize].3
     }
 
-    /// The symbol, which is also its name as an option.
     pub(crate) fn symbol(self) -> &'static str {
-        match self {
-            LengthUnit::Px => "px",
-            LengthUnit::Nm => "nm",
-            LengthUnit::Um => "um",
-            LengthUnit::Mm => "mm",
-            LengthUnit::Cm => "cm",
-            LengthUnit::M => "m",
-            LengthUnit::Inch => "inch",
-        }
+        UNITS[self as usize].1
     }
 
     /// The unit of this symbol or English name, in any of the spellings of ImageJ and its plugins.
     pub(crate) fn of_name(name: &str) -> Option<Self> {
-        let lower = name.trim().to_lowercase();
         // The micro sign is also the Greek letter, an escape of ImageJ, or a byte of Latin-1, which is no UTF-8.
-        let ascii = lower.replace("\\u00b5", "u").replace("&#181;", "u");
-        let ascii = ascii.replace(['\u{b5}', '\u{3bc}', '\u{fffd}'], "u").replace("\u{e2}u", "u");
-        let singular = if ascii == "inches" { "inch" } else { ascii.strip_suffix('s').unwrap_or(&ascii) };
-        Some(match singular.replace("metre", "meter").as_str() {
-            "px" | "pix" | "pixel" | "voxel" => LengthUnit::Px,
-            "nm" | "nanometer" => LengthUnit::Nm,
-            "um" | "micron" | "micrometer" | "umeter" => LengthUnit::Um,
-            "mm" | "millimeter" => LengthUnit::Mm,
-            "cm" | "centimeter" => LengthUnit::Cm,
-            "m" | "meter" => LengthUnit::M,
-            "in" | "inch" | "\"" => LengthUnit::Inch,
-            _ => return None,
-        })
+        let mut name = name.trim().to_lowercase().replace("\\u00b5", "u").replace("&#181;", "u");
+        name = name.replace(['\u{b5}', '\u{3bc}', '\u{fffd}'], "u").replace("\u{e2}u", "u");
+        name = name.replace("metre", "meter").replace("micron", "micrometer");
+        let name = match name.strip_suffix('s').unwrap_or(&name) {
+            "pix" | "voxel" => "px",
+            "in" | "\"" => "inch",
+            other => other,
+        };
+        UNITS.iter().find(|(_, symbol, long, _)| [*symbol, *long].contains(&name)).map(|unit| unit.0)
     }
 }
 
@@ -331,7 +305,7 @@ impl Converter {
             usual.name,
             unit.symbol(),
             size.map_or(String::new(), |um| format!(", {um} um per px")),
-            origin.words(),
+            origin.names()[1],
             if y_up { "up" } else { "down" },
         )];
         let conventions = Conventions {
@@ -355,12 +329,7 @@ impl Converter {
     }
 
     /// Converts a position; `None` if a coordinate is missing, `Err` with a message if it is out of range.
-    pub(crate) fn position(
-        &self,
-        x: f64,
-        y: f64,
-        z: f64,
-    ) -> std::result::Result<Option<Position>, String> {
+    pub(crate) fn position(&self, x: f64, y: f64, z: f64) -> std::result::Result<Option<Position>, String> {
         if x.is_nan() || y.is_nan() || z.is_nan() {
             return Ok(None);
         }

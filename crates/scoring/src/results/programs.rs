@@ -69,7 +69,7 @@ fn stated_unit(names: &[String], given: &Conventions) -> Result<LengthUnit> {
 /// One that is not known, unless the unit is given.
 pub(super) fn trackmate_unit(stated: &str, given: &Conventions) -> Result<LengthUnit> {
     given.unit.or_else(|| LengthUnit::of_name(stated)).ok_or_else(|| {
-        let known: Vec<&str> = LengthUnit::ALL.iter().map(|unit| unit.symbol()).collect();
+        let known: Vec<&str> = LengthUnit::all().map(LengthUnit::symbol).collect();
         let what = format!(
             "TrackMate: lengths in {:?}: expected one of {}; give the unit by ",
             super::shown(stated),
@@ -77,4 +77,101 @@ pub(super) fn trackmate_unit(stated: &str, given: &Conventions) -> Result<Length
         );
         Error::option(advice!(what, option("unit")))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::results::{Conventions, Points, TrackerResult, read};
+
+    /// Reads a file with these contents; 0.5 um per px.
+    fn points(contents: &[u8], given: &Conventions) -> Result<Points, String> {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("r.csv");
+        std::fs::write(&file, contents).unwrap();
+        let given = Conventions { um_per_px: Some(0.5), ..*given };
+        match read(&file, &given).map_err(|e| e.to_string())? {
+            TrackerResult::Points(points) => Ok(points),
+            TrackerResult::Field(_) => Err("a field".to_owned()),
+        }
+    }
+
+    /// Frame, track, x, y, z of the rows.
+    fn rows(contents: &[u8]) -> Vec<(u32, i64, [f64; 3])> {
+        let points = points(contents, &Conventions::default());
+        let points = points.unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(contents)));
+        points.rows.iter().map(|r| (r.frame, r.track, [r.at.x_px, r.at.y_px, r.at.z_um])).collect()
+    }
+
+    fn spots(unit: &str, label: &str, [x, y, z]: [f64; 3]) -> String {
+        format!(
+            "LABEL,ID,TRACK_ID,QUALITY,POSITION_X,POSITION_Y,POSITION_Z,POSITION_T,FRAME,RADIUS,VISIBILITY\n\
+             Label,Spot ID,Track ID,Quality,X,Y,Z,T,Frame,Radius,Visibility\n\
+             Label,Spot ID,Track ID,Quality,X,Y,Z,T,Frame,R,Visibility\n\
+             ,,,(quality),({unit}),({unit}),({unit}),(sec),,({unit}),\n\
+             {label},0,7,1.0,{x:?},{y:?},{z:?},0.1,1,2.5,1\n"
+        )
+    }
+
+    #[test]
+    fn the_unit_that_trackmate_states_is_converted_or_refused_by_name() {
+        let spellings =
+            ["micron", "microns", "um", "\u{b5}m", "\u{3bc}m", "\\u00B5m", "micrometer", "\u{c2}\u{b5}m"];
+        let others = [
+            ("nm", 1e3),
+            ("mm", 1e-3),
+            ("cm", 1e-4),
+            ("m", 1e-6),
+            ("inch", 1.0 / 25_400.0),
+            ("inches", 1.0 / 25_400.0),
+        ];
+        let all = spellings.map(|name| (name, 1.0)).into_iter().chain(others);
+        for (unit, scale) in all.chain([("pixel", 2.0), ("pixels", 2.0)]) {
+            let text = spots(unit, "ID0", [3.0, 4.0, 5.0].map(|um| um * scale));
+            let [(frame, track, at)] = rows(text.as_bytes())[..] else { panic!("{unit}") };
+            let error = at.iter().zip([7.0, 9.0, 5.0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            // Rounding errors of a few products.
+            assert!((frame, track) == (1, 7) && error < 1e-12, "{unit}: {at:?}");
+        }
+        // On Windows, Java writes the micro sign as a single byte.
+        let latin: Vec<u8> = spots("\u{b5}m", "ID0", [3.0; 3]).chars().map(|c| c as u8).collect();
+        assert_eq!(rows(&latin), [(1, 7, [7.0, 7.0, 3.0])]);
+        let unknown = spots("furlong", "ID0", [3.0; 3]);
+        let said = points(unknown.as_bytes(), &Conventions::default()).unwrap_err();
+        assert!(said.contains("lengths in \"furlong\"") && said.ends_with("--unit"), "{said}");
+        let given = Conventions { unit: Some(crate::results::LengthUnit::Um), ..Conventions::default() };
+        assert_eq!(points(unknown.as_bytes(), &given).unwrap().rows[0].at.x_px, 7.0);
+    }
+
+    #[test]
+    fn cells_line_ends_and_columns_are_as_programs_write_them() {
+        let expected = [(1, 7, [7.0, 9.0, 5.0])];
+        let plain = spots("um", "ID0", [3.0, 4.0, 5.0]);
+        assert_eq!(rows(plain.as_bytes()), expected);
+        for text in [
+            plain.replace('\n', "\r"),
+            plain.replace('\n', "\r\n"),
+            spots("um", "\"beads, red\"", [3.0, 4.0, 5.0]),
+            spots("um", "5\" lens", [3.0, 4.0, 5.0]),
+            format!("\u{feff}{}", plain.replace(',', ";").replace('.', ",")),
+            plain.replace(',', "\t"),
+        ] {
+            assert_eq!(rows(text.as_bytes()), expected, "{text}");
+        }
+        // Longer than a line may be.
+        let many = "frame,x,y,particle\r".to_owned() + &"0,1,2,\r".repeat(20_000);
+        assert_eq!(rows(many.as_bytes()).len(), 20_000);
+        for missing in ["NA", "<NA>", "None", "nan", "", "N/A", "#N/A", "null"] {
+            let text = format!("y,x,frame,particle\n2,1,0,{missing}\n{missing},1,0,3\n");
+            assert_eq!(rows(text.as_bytes()), [(0, -1, [2.0, 3.0, 0.0])], "{missing}");
+        }
+        // pandas after `set_index("frame", drop=False)`, and LapTrack.
+        for text in
+            ["frame,y,x,frame,particle\n4,2,1,4,7\n", "frame,index,x,y,tree_id,track_id\n4,0,1,2,0,7\n"]
+        {
+            assert_eq!(rows(text.as_bytes()), [(4, 7, [2.0, 3.0, 0.0])], "{text}");
+        }
+        let unequal = b"frame,y,x,frame,particle\n4,2,1,5,7\n";
+        let said = points(unequal, &Conventions::default()).unwrap_err();
+        assert!(said.contains("r.csv:2: column frame appears twice, with different values"), "{said}");
+    }
 }

@@ -199,7 +199,9 @@ impl TextTable {
         // As after `set_index("frame", drop=False)` in pandas.
         let twice = self.twice.take();
         let mut each = |cells: &Cells<'_>| match twice.iter().find(|(a, b)| !cells.are_equal(*a, *b)) {
-            Some((column, _)) => Err(format!("column {} appears twice, with different values", cells.name(*column))),
+            Some((column, _)) => {
+                Err(format!("column {} appears twice, with different values", cells.name(*column)))
+            }
             None => each(cells),
         };
         if let Source::Columns(columns) = &self.source {

@@ -172,7 +172,7 @@ pub(crate) struct Bounded<R> {
 }
 
 impl<R: Read> Bounded<R> {
-    /// Pieces end with the byte `end`: a newline, or `>` in XML.
+    /// Pieces end with the byte `end`: a newline (or carriage return), or `>` in XML.
     pub(crate) fn new(inner: R, end: u8) -> Self {
         Bounded { inner, end, length: 0, line: 1 }
     }
@@ -184,7 +184,7 @@ impl<R: Read> Read for Bounded<R> {
         for &byte in &buffer[..n] {
             self.length += 1;
             self.line += u64::from(byte == b'\n');
-            if byte == self.end {
+            if byte == self.end || (self.end == b'\n' && byte == b'\r') {
                 self.length = 0;
             }
             let (what, most) = match self.end {

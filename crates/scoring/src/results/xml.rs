@@ -81,7 +81,8 @@ pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Res
                         graph = (root == "Model").then(Graph::default);
                     }
                     "particle" => {
-                        (track, inside, first) = (track + 1, matches!(event, Event::Start(_)), points.rows.len());
+                        (track, inside, first) =
+                            (track + 1, matches!(event, Event::Start(_)), points.rows.len());
                         holes.clear();
                     }
                     "detection" => {
@@ -252,4 +253,99 @@ fn attribute(e: &BytesStart<'_>, name: &str) -> std::result::Result<Option<Strin
     let attribute = e.try_get_attribute(name).map_err(|e| e.to_string())?;
     // Entities are not resolved: numbers do not need them.
     Ok(attribute.map(|a| a.value.into_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::results::{Conventions, Points, TrackerResult, read};
+
+    fn points(contents: &str) -> Result<Points, String> {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("r.xml");
+        std::fs::write(&file, contents).unwrap();
+        let given = Conventions { um_per_px: Some(0.5), ..Conventions::default() };
+        match read(&file, &given).map_err(|e| e.to_string())? {
+            TrackerResult::Points(points) => Ok(points),
+            TrackerResult::Field(_) => Err("a field".to_owned()),
+        }
+    }
+
+    /// A file as TrackMate 7 saves it: spots by ID, frame and visibility, edges by track, tracks that filters keep.
+    fn saved(unit: &str, spots: &[(u32, u32, u8)], tracks: &[(u32, &[(u32, u32)])], kept: &[u32]) -> String {
+        let spot = |(id, frame, visible): &(u32, u32, u8)| {
+            format!(
+                "<SpotsInFrame frame=\"{frame}\"><Spot ID=\"{id}\" name=\"a, &amp; b\" QUALITY=\"38.7\" POSITION_T=\"{frame}.0\" \
+                 FRAME=\"{frame}\" VISIBILITY=\"{visible}\" RADIUS=\"2.5\" POSITION_X=\"{id}.5\" POSITION_Y=\"2.0\" \
+                 POSITION_Z=\"1.0\">-1.0 -1.0 1.0 1.0</Spot></SpotsInFrame>\n"
+            )
+        };
+        let track = |(id, edges): &(u32, &[(u32, u32)])| {
+            let edge = |(a, b): &(u32, u32)| {
+                format!(
+                    "<Edge SPOT_SOURCE_ID=\"{a}\" SPOT_TARGET_ID=\"{b}\" LINK_COST=\"0.6\" EDGE_TIME=\"0.5\" />\n"
+                )
+            };
+            let edges: String = edges.iter().map(edge).collect();
+            format!(
+                "<Track name=\"Track_{id}\" TRACK_INDEX=\"0\" TRACK_ID=\"{id}\" NUMBER_SPOTS=\"3\">\n{edges}</Track>\n"
+            )
+        };
+        let kept: String = kept.iter().map(|id| format!("<TrackID TRACK_ID=\"{id}\" />\n")).collect();
+        format!(
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<TrackMate version=\"7.14.0\">\n<Log>{}</Log>\n\
+             <Model spatialunits=\"{unit}\" timeunits=\"sec\">\n<FeatureDeclarations />\n<AllSpots nspots=\"{}\">\n{}</AllSpots>\n\
+             <AllTracks>\n{}</AllTracks>\n<FilteredTracks>\n{kept}</FilteredTracks>\n</Model>\n<Settings />\n</TrackMate>\n",
+            "found spots. ".repeat(10_000),
+            spots.len(),
+            spots.iter().map(spot).collect::<String>(),
+            tracks.iter().map(track).collect::<String>(),
+        )
+    }
+
+    /// Spots 1 to 8 in frames 0 to 7.
+    fn spots() -> Vec<(u32, u32, u8)> {
+        (1..9).map(|id| (id, id - 1, 1)).collect()
+    }
+
+    fn tracks(points: &Points) -> Vec<(i64, Vec<u32>)> {
+        let mut rows: Vec<(i64, u32)> = points.rows.iter().map(|row| (row.track, row.frame)).collect();
+        rows.sort_unstable();
+        rows.chunk_by(|a, b| a.0 == b.0).map(|t| (t[0].0, t.iter().map(|r| r.1).collect())).collect()
+    }
+
+    #[test]
+    fn the_file_that_trackmate_saves_is_read_with_gaps_and_filters() {
+        let mut all = spots();
+        all.extend([(20, 3, 0), (21, 3, 1)]);
+        // Edges in any order and direction; a gap; a track that filters remove; a hidden spot; one that is not linked.
+        let edges = [(4, &[(2, 4), (2, 1), (4, 5)][..]), (6, &[(6, 7), (7, 8)])];
+        let found = points(&saved("micron", &all, &edges, &[4])).unwrap();
+        assert_eq!(tracks(&found), [(-1, vec![2, 3]), (0, vec![0, 1, 3, 4])]);
+        assert_eq!(found.rows[0].at.x_px, 4.0);
+        for note in ["1 spots hidden by filters", "3 spots of tracks that filters remove"] {
+            assert!(found.notes.iter().any(|n| n.starts_with(note)), "{:?}", found.notes);
+        }
+        let found = points(&saved("mm", &spots(), &edges, &[4, 6])).unwrap();
+        assert_eq!((found.rows[0].at.x_px, found.rows[0].at.z_um), (3001.0, 1e3));
+        assert_eq!(tracks(&found), [(-1, vec![2]), (0, vec![0, 1, 3, 4]), (1, vec![5, 6, 7])]);
+        assert!(points(&saved("furlong", &spots(), &[], &[])).unwrap_err().contains("\"furlong\""));
+        let wrong = |edge: (u32, u32)| points(&saved("um", &all, &[(4, &[edge])], &[4])).unwrap_err();
+        assert!(wrong((1, 99)).contains("spot 99, which does not exist"), "{}", wrong((1, 99)));
+        assert!(wrong((4, 21)).contains("two spots of frame 3"), "{}", wrong((4, 21)));
+        let text = saved("um", &all, &edges, &[4]);
+        for part in 1..20 {
+            let cut = &text[..text.len() - 1 - (text.len() - 140_000) * part / 20];
+            assert!(points(cut).is_err(), "{part}");
+        }
+    }
+
+    #[test]
+    fn a_spot_that_splits_or_merges_ends_a_track() {
+        let all: Vec<(u32, u32, u8)> = spots().into_iter().chain([(13, 2, 1), (14, 3, 1)]).collect();
+        let edges = [(1, 2), (2, 3), (2, 13), (3, 4), (13, 14), (4, 5), (14, 5), (5, 6)];
+        let found = points(&saved("um", &all, &[(0, &edges)], &[0])).unwrap();
+        let chains = [(-1, vec![6, 7]), (0, vec![0, 1]), (1, vec![2, 3]), (2, vec![4, 5]), (3, vec![2, 3])];
+        assert_eq!(tracks(&found), chains);
+        assert!(found.notes.iter().any(|n| n == "2 splits and merges end tracks"), "{:?}", found.notes);
+    }
 }
