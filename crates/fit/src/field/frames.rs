@@ -1,6 +1,7 @@
 //! Repeated frames of a scan: their means, and the noise of one frame from their differences.
 
 use crate::background::Background;
+use crate::noise::ROUNDING;
 use crate::repeats::noise_of_repeats;
 use crate::scan::{Level, Scan};
 use crate::state::Noise;
@@ -33,7 +34,7 @@ impl Frames {
         };
         let measured = noise_of_repeats(scan, background.mean).map(|terms| {
             let term = |i: usize| terms.get(i).copied().unwrap_or(0.0);
-            Noise { background2: term(0), per_count: term(1), per_count2: term(2) }
+            Noise { background2: term(0).max(ROUNDING), per_count: term(1), per_count2: term(2) }
         });
         let of_background = background.noise * background.noise;
         Frames {
@@ -44,11 +45,6 @@ impl Frames {
             noise: measured.unwrap_or(Noise { background2: of_background, per_count: 0.0, per_count2: 0.0 }),
             is_noise_measured: measured.is_some(),
         }
-    }
-
-    /// Variance of the mean of a plane's frames at a pixel.
-    pub(super) fn variance(&self, plane: usize, at: usize) -> f64 {
-        self.noise.variance(self.planes[plane][at] - self.background) / self.repeats[plane] as f64
     }
 }
 

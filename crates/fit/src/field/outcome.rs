@@ -203,7 +203,8 @@ impl Outcome<'_> {
             depths_um: [stage(f64::min, f64::INFINITY), stage(f64::max, f64::NEG_INFINITY)],
             noise: [noise.background2, noise.per_count, noise.per_count2],
             is_noise_measured: frames.is_noise_measured,
-            background: frames.background,
+            // The histogram of the scan counts faint light as background.
+            background: median(singles.iter().map(|&k| of_field[k].background()).collect()),
             quantities,
             particles,
             r2_of_field: mean_r2,
@@ -353,8 +354,7 @@ fn images(particle: usize, subject: &Subject, fit: &Fit) -> FieldImages {
             let count = subject.frames.planes[plane][*at];
             images.data[place] = (count - seen.background) as f32;
             images.model[place] = (value - seen.background) as f32;
-            images.residual[place] =
-                ((count - value) / libm::sqrt(subject.frames.variance(plane, *at))) as f32;
+            images.residual[place] = ((count - value) * seen.roots[pixel]) as f32;
         }
         images
     });

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::frames::Frames;
 use super::local::{BLUR, COUNT, FOCUS, Instrument, Local, QUANTITIES, SLOPE, X, Y, bounded};
 use crate::particles::Window;
+use crate::state::Noise;
 use microsig_core::linear::Symmetric;
 use storage::error::Result;
 
@@ -43,6 +44,8 @@ pub(super) struct Seen {
     /// Sum of squared residuals over their variances, and the number of pixels in it.
     pub(super) chi2: f64,
     pub(super) pixels: usize,
+    /// Square root of the weight of each pixel, 1/counts; 0 for those that are not used.
+    pub(super) roots: Vec<f64>,
     /// Sums of squared residuals and of squared deviations from the mean, counts^2.
     pub(super) residual2: f64,
     pub(super) spread2: f64,
@@ -78,21 +81,41 @@ impl Fit {
         1.0 - sum(|seen| seen.residual2) / sum(|seen| seen.spread2)
     }
 
-    /// Mean light of the images, counts.
+    /// Mean light and background of the images, counts.
     pub(super) fn light(&self) -> f64 {
         self.seen.iter().map(|seen| seen.light).sum::<f64>() / self.seen.len().max(1) as f64
+    }
+
+    pub(super) fn background(&self) -> f64 {
+        self.seen.iter().map(|seen| seen.background).sum::<f64>() / self.seen.len().max(1) as f64
     }
 }
 
 /// Distance from the focus (um), and light with its derivatives along x and y, per light, on the pixels of a
 /// window.
-type Image = (f64, Vec<[f64; 3]>);
+pub(super) type Image = (f64, Vec<[f64; 3]>);
+
+/// Derivatives of images at a state, by quantity and plane; empty for those that follow from the images themselves. They
+/// take most of the time of a fit, and steps need them only approximately.
+pub(super) struct Differences {
+    at: Local,
+    slopes: Vec<Vec<Vec<f64>>>,
+}
+
+/// Derivatives are computed again when a quantity has changed by more than this part of its longest step.
+const STALE: f64 = 0.2;
 
 /// One plane's data.
 struct Data {
     counts: Vec<f64>,
-    roots: Vec<f64>,
+    used: Vec<bool>,
+    /// Variance of a count in one frame, and the number of frames whose mean the counts are.
+    noise: Noise,
+    repeats: f64,
 }
+
+/// Number of regressions for light and background, each with the weights of the one before.
+const REWEIGHTED: usize = 4;
 
 /// The smallest part of its pixels that neighbors may leave to a particle, and to each of its images.
 const LEAST: f64 = 0.5;
@@ -113,17 +136,14 @@ impl Subject<'_> {
         mean >= LEAST && shares.iter().all(|share| *share >= LEAST_OF_IMAGE)
     }
 
-    /// The data of the plane with this index among those used; pixels that are not used have no weight.
+    /// The data of the plane with this index among those used.
     fn data(&self, index: usize) -> Data {
         let (pixels, plane) = (&self.window.pixels, self.planes[index]);
-        let is_used = |pixel: usize| self.masks.get(index).is_none_or(|mask| mask[pixel]);
-        let root = |(pixel, (at, _)): (usize, &(usize, [f64; 2]))| match is_used(pixel) {
-            true => 1.0 / libm::sqrt(self.frames.variance(plane, *at)),
-            false => 0.0,
-        };
         Data {
             counts: pixels.iter().map(|(at, _)| self.frames.planes[plane][*at]).collect(),
-            roots: pixels.iter().enumerate().map(root).collect(),
+            used: self.masks.get(index).cloned().unwrap_or_else(|| vec![true; pixels.len()]),
+            noise: self.frames.noise,
+            repeats: self.frames.repeats[plane] as f64,
         }
     }
 
@@ -149,46 +169,81 @@ impl Subject<'_> {
         Ok(depths.par_iter().map(image).collect())
     }
 
-    /// How well the model agrees at a state.
-    pub(super) fn seen(&self, local: &Local, tolerance: f64) -> Result<Vec<Seen>> {
-        let images = self.images(local, tolerance)?;
-        let seen = |(index, (_, image)): (usize, &Image)| {
-            let data = self.data(index);
+    /// Misfit of images, with the weights of a fit: sum of squared residuals over variances.
+    fn misfit(&self, images: &[Image], fit: &Fit) -> f64 {
+        let of_plane = |(index, ((_, image), seen)): (usize, (&Image, &Seen))| {
             let shape: Vec<f64> = image.iter().map(|value| value[0]).collect();
-            see(&data, &shape)
+            let counts = self.data(index).counts;
+            let (light, background) = linear(&counts, &shape, &seen.roots);
+            let pixels = counts.iter().zip(&shape).zip(&seen.roots);
+            let residual =
+                |((count, shape), root): ((&f64, &f64), &f64)| (count - light * shape - background) * root;
+            pixels.map(|pixel| residual(pixel).powi(2)).sum::<f64>()
         };
-        Ok(images.iter().enumerate().map(seen).collect())
+        images.iter().zip(&fit.seen).enumerate().map(of_plane).sum()
+    }
+
+    /// Derivatives of images with respect to the quantities `free`, by differences.
+    fn differences(
+        &self,
+        local: &Local,
+        images: &[Image],
+        free: &[usize],
+        tolerance: f64,
+    ) -> Result<Differences> {
+        let of_quantity = |&quantity: &usize| -> Result<Vec<Vec<f64>>> {
+            let step = QUANTITIES[quantity].1;
+            if step == 0.0 {
+                return Ok(Vec::new());
+            }
+            let mut other = *local;
+            other[quantity] += step;
+            let moved = self.images(&other, tolerance)?;
+            let slope = |(a, b): (&[f64; 3], &[f64; 3])| (a[0] - b[0]) / step;
+            let of_plane =
+                |((_, moved), (_, image)): (&Image, &Image)| moved.iter().zip(image).map(slope).collect();
+            Ok(moved.iter().zip(images).map(of_plane).collect())
+        };
+        Ok(Differences { at: *local, slopes: free.iter().map(of_quantity).collect::<Result<_>>()? })
     }
 
     /// Misfit and normal equations for the quantities `free` at a state.
     pub(super) fn fit_at(&self, local: &Local, free: &[usize], tolerance: f64) -> Result<Fit> {
-        let base = self.images(local, tolerance)?;
-        let mut moved: Vec<Option<Vec<Image>>> = Vec::with_capacity(free.len());
-        for &quantity in free {
-            let step = QUANTITIES[quantity].1;
-            moved.push(if step > 0.0 {
-                let mut other = *local;
-                other[quantity] += step;
-                Some(self.images(&other, tolerance)?)
-            } else {
-                None
-            });
-        }
+        let (images, differences) = self.model(local, free, tolerance)?;
+        Ok(self.normal(local, &images, &differences, free))
+    }
+
+    /// Images at a state with their derivatives.
+    pub(super) fn model(
+        &self,
+        local: &Local,
+        free: &[usize],
+        tolerance: f64,
+    ) -> Result<(Vec<Image>, Differences)> {
+        let images = self.images(local, tolerance)?;
+        let differences = self.differences(local, &images, free, tolerance)?;
+        Ok((images, differences))
+    }
+
+    pub(super) fn normal(
+        &self,
+        local: &Local,
+        images: &[Image],
+        differences: &Differences,
+        free: &[usize],
+    ) -> Fit {
         let px_per_um = self.instrument.px_per_um();
         let n = free.len();
         let of_plane = |i: usize| {
             let data = self.data(i);
-            let (depth_um, image) = &base[i];
+            let (depth_um, image) = &images[i];
             let shape: Vec<f64> = image.iter().map(|value| value[0]).collect();
             let seen = see(&data, &shape);
             let columns: Vec<Vec<f64>> = free
                 .iter()
-                .zip(&moved)
-                .map(|(&quantity, moved)| match moved {
-                    Some(moved) => {
-                        let step = QUANTITIES[quantity].1;
-                        moved[i].1.iter().zip(image).map(|(a, b)| (a[0] - b[0]) / step).collect()
-                    }
+                .zip(&differences.slopes)
+                .map(|(&quantity, slopes)| match slopes.get(i) {
+                    Some(slopes) => slopes.clone(),
                     // Moving the particle moves pixels the other way.
                     None => {
                         let axis = if quantity < SLOPE { quantity - X } else { quantity - SLOPE };
@@ -201,7 +256,7 @@ impl Subject<'_> {
                 .counts
                 .iter()
                 .zip(&seen.model)
-                .zip(&data.roots)
+                .zip(&seen.roots)
                 .map(|((count, model), root)| (count - model) * root)
                 .collect();
             // What light and background cannot do.
@@ -209,8 +264,8 @@ impl Subject<'_> {
                 .iter()
                 .map(|column| column.iter().map(|by| by * seen.light).collect::<Vec<f64>>())
                 .map(|column| {
-                    let (light, background) = linear(&column, &shape, &data.roots);
-                    let rest = column.iter().zip(&shape).zip(&data.roots);
+                    let (light, background) = linear(&column, &shape, &seen.roots);
+                    let rest = column.iter().zip(&shape).zip(&seen.roots);
                     rest.map(|((by, shape), root)| (by - light * shape - background) * root).collect()
                 })
                 .collect();
@@ -239,19 +294,25 @@ impl Subject<'_> {
                 }
             }
         }
-        Ok(Fit { local: *local, seen, quadratic: Quadratic { matrix, right }, free: free.to_vec() })
+        Fit { local: *local, seen, quadratic: Quadratic { matrix, right }, free: free.to_vec() }
     }
 
     /// The best values of the quantities `free`, from a start.
     pub(super) fn fit(&self, start: &Local, free: &[usize], tolerance: f64, steps: usize) -> Result<Fit> {
-        let mut fit = self.fit_at(&bounded(*start, self.largest_na()), free, tolerance)?;
+        let start = bounded(*start, self.largest_na());
+        let (images, mut differences) = self.model(&start, free, tolerance)?;
+        let mut fit = self.normal(&start, &images, &differences, free);
         let mut damping = 1e-3;
         for _ in 0..steps {
-            let before = fit.chi2();
-            let Some((next, seen)) = self.step(&fit, &mut damping, tolerance)? else { break };
-            let after = Fit { local: next, seen, ..fit.clone() }.chi2();
-            fit = self.fit_at(&next, free, tolerance)?;
-            if after > (1.0 - CONVERGED) * before {
+            let Some((next, images, decrease)) = self.step(&fit, &mut damping, tolerance)? else { break };
+            let is_stale = |&quantity: &usize| {
+                (next[quantity] - differences.at[quantity]).abs() > STALE * LONGEST[quantity]
+            };
+            if free.iter().any(is_stale) {
+                differences = self.differences(&next, &images, free, tolerance)?;
+            }
+            fit = self.normal(&next, &images, &differences, free);
+            if decrease < CONVERGED {
                 break;
             }
         }
@@ -268,9 +329,10 @@ impl Subject<'_> {
         (tangent / libm::sqrt(1.0 + tangent * tangent)).clamp(0.1, 0.95)
     }
 
-    /// A step that reduces the misfit; `None` if there is none.
-    fn step(&self, fit: &Fit, damping: &mut f64, tolerance: f64) -> Result<Option<(Local, Vec<Seen>)>> {
-        let before = fit.chi2();
+    /// A step that reduces the misfit, its images, and by which part it does; `None` if there is none. The weights are those before the step:
+    /// with weights of its own, a brighter model would seem to fit better.
+    fn step(&self, fit: &Fit, damping: &mut f64, tolerance: f64) -> Result<Option<(Local, Vec<Image>, f64)>> {
+        let before: f64 = fit.seen.iter().map(|seen| seen.chi2).sum();
         while *damping < 1e4 {
             let mut damped = fit.quadratic.matrix.clone();
             (0..damped.n()).for_each(|i| damped.add(i, i, *damping * damped.at(i, i) + 1e-9));
@@ -280,11 +342,11 @@ impl Subject<'_> {
                     next[quantity] += by.clamp(-LONGEST[quantity], LONGEST[quantity]);
                 }
                 let next = bounded(next, self.largest_na());
-                let seen = self.seen(&next, tolerance)?;
-                let pixels: usize = seen.iter().map(|seen| seen.pixels).sum();
-                if seen.iter().map(|seen| seen.chi2).sum::<f64>() / (pixels as f64) < before {
+                let images = self.images(&next, tolerance)?;
+                let after = self.misfit(&images, fit);
+                if after < before {
                     *damping = (0.1 * *damping).max(1e-7);
-                    return Ok(Some((next, seen)));
+                    return Ok(Some((next, images, 1.0 - after / before)));
                 }
             }
             *damping *= 10.0;
@@ -321,14 +383,26 @@ fn linear(counts: &[f64], shape: &[f64], roots: &[f64]) -> (f64, f64) {
     ((cs * w - c1 * s1) / determinant, (c1 * ss - cs * s1) / determinant)
 }
 
+/// Light and background of a plane. The variance of a pixel is that of the model's count: with that of the observed count
+/// (Neyman's chi-squared), pixels that are dark by chance weigh more, and light is lost at the rims of images.
 fn see(data: &Data, shape: &[f64]) -> Seen {
-    let (light, background) = linear(&data.counts, shape, &data.roots);
+    let weigh = |light: f64| -> Vec<f64> {
+        let root = |shape: &f64| libm::sqrt(data.repeats / data.noise.variance(light * shape));
+        let roots = shape.iter().map(root).zip(&data.used);
+        roots.map(|(root, used)| if *used { root } else { 0.0 }).collect()
+    };
+    let mut roots = weigh(0.0);
+    let (mut light, mut background) = linear(&data.counts, shape, &roots);
+    for _ in 1..REWEIGHTED {
+        roots = weigh(light);
+        (light, background) = linear(&data.counts, shape, &roots);
+    }
     let model: Vec<f64> = shape.iter().map(|shape| light * shape + background).collect();
-    let used = || data.counts.iter().zip(&data.roots).filter(|(_, root)| **root > 0.0);
+    let used = || data.counts.iter().zip(&data.used).filter(|(_, used)| **used);
     let pixels = used().count();
     let mean = used().map(|(count, _)| count).sum::<f64>() / pixels.max(1) as f64;
     let (mut chi2, mut residual2, mut spread2) = (0.0, 0.0, 0.0);
-    for ((count, model), root) in data.counts.iter().zip(&model).zip(&data.roots) {
+    for ((count, model), root) in data.counts.iter().zip(&model).zip(&roots) {
         if *root == 0.0 {
             continue;
         }
@@ -337,7 +411,7 @@ fn see(data: &Data, shape: &[f64]) -> Seen {
         residual2 += residual * residual;
         spread2 += (count - mean) * (count - mean);
     }
-    Seen { light, background, model, chi2, pixels, residual2, spread2 }
+    Seen { light, background, model, chi2, pixels, roots, residual2, spread2 }
 }
 
 /// A start from the images themselves: focus where they are narrowest, the aperture from how fast they grow.
@@ -352,8 +426,8 @@ pub(super) fn start(subject: &Subject<'_>) -> Local {
             let counts = data
                 .counts
                 .iter()
-                .zip(&data.roots)
-                .map(|(count, root)| if *root > 0.0 { count - frames.background } else { 0.0 });
+                .zip(&data.used)
+                .map(|(count, used)| if *used { count - frames.background } else { 0.0 });
             let noise = 3.0 * libm::sqrt(frames.noise.variance(0.0) / frames.repeats[plane] as f64);
             let (mut sum, mut mean, mut square) = (0.0, [0.0; 2], 0.0);
             for (light, (_, [dx, dy])) in counts.zip(&window.pixels).filter(|(light, _)| *light > noise) {

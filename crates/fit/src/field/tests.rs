@@ -1,136 +1,256 @@
-//! A fit of a small field that is known.
+//! Fits of scans that the fit did not make: their images are those of a microscope with terms of the field as in a
+//! scenario, at a tenth of the fit's tolerance, with shot noise.
 
 use microsig_core::Particle;
 use microsig_core::emission::emitted_rays;
-use microsig_core::optics::{FieldComa, FieldOptics, FocusSurface};
+use microsig_core::optics::{ChiefRay, FieldAstigmatism, FieldComa, FieldOptics, FocusSurface, Vignetting};
+use microsig_core::random::{normal, poisson};
 use microsig_core::render::Context;
-use microsig_core::render::waves::Emission;
-use rand::rngs::Xoshiro256PlusPlus;
-use rand::{RngExt as _, SeedableRng as _};
-use rayon::prelude::*;
+use microsig_core::render::waves::{Emission, PupilFunction, WavesRenderer};
+use microsig_core::stream::{Purpose, Streams};
 
-use super::local::COUNT;
 use super::*;
 
-/// Edge of the scan and half width of the windows, px.
-const EDGE: usize = 230;
-const HALF: usize = 9;
+/// Half width of the windows, and distance of particles, px.
+const HALF: usize = 8;
+const PITCH: usize = 49;
+
+/// Dark counts, those of the background's light, and read noise, counts.
+const OFFSET: f64 = 80.0;
+const GLOW: f64 = 20.0;
+const READ_NOISE: f64 = 2.0;
 
 fn options(places_px: Vec<[f64; 2]>) -> FieldOptions {
     let given =
         Given { magnification: 10.0, pixel_size_um: 16.0, ri_medium: 1.0, ri_lens: 1.5, depth_factor: 1.0 };
     let (emission, lens) = (Emission::Volume, Lens::Aplanatic);
     let waves = WaveModel { wavelength_um: 0.56, emission, lens, layers: None };
-    FieldOptions { given, diameter_um: 2.0, direction: 1.0, waves, half_window: Some(HALF), places_px }
+    FieldOptions { given, diameter_um: 1.0, direction: 1.0, waves, half_window: Some(HALF), places_px }
 }
 
-/// The optics of the test at a place, mm.
-fn truth([x, y]: [f64; 2]) -> Local {
-    let r2 = x * x + y * y;
-    let mut local = [0.0; COUNT];
-    local[FOCUS] = 1.0 + 8.0 * x - 4.0 * y + 30.0 * r2;
-    local[SLOPE] = 0.01 + 0.1 * x;
-    local[SLOPE + 1] = 0.1 * y;
-    local[NA] = 0.3;
-    local[MERIDIONAL] = 1.0 - 2.0 * r2;
-    local[COMA] = 0.03 - 0.3 * x;
-    local[COMA + 1] = -0.3 * y;
-    local[ASTIGMATISM] = -0.02 + 0.2 * x;
-    local[ASTIGMATISM + 1] = 0.2 * y;
-    local[SPHERICAL] = 0.02;
-    local[BLUR] = 0.8;
-    local
+/// A microscope.
+struct Truth {
+    field: FieldOptics,
+    numerical_aperture: f64,
+    focus_um: f64,
+    spherical: f64,
+    transmission: f64,
+    blur_um: f64,
 }
 
-/// Coefficients of [`truth`], and errors that are allowed without noise.
-const TRUTH: [(&str, f64, f64); 14] = [
-    ("focus_um", 1.0, 0.05),
-    ("focus.tilt_um_per_mm.0", 8.0, 0.3),
-    ("focus.tilt_um_per_mm.1", -4.0, 0.3),
-    ("focus.curvature_um_per_mm2", 30.0, 2.0),
-    ("chief_ray.slope.0", 0.01, 0.001),
-    ("chief_ray.per_mm", 0.1, 0.005),
-    ("numerical_aperture", 0.3, 0.002),
-    ("vignetting.meridional_per_mm2", 2.0, 0.2),
-    ("coma.constant.0", 0.03, 0.003),
-    ("coma.per_mm", -0.3, 0.02),
-    ("astigmatism.constant.0", -0.02, 0.003),
-    ("astigmatism.per_mm", 0.2, 0.02),
-    ("spherical", 0.02, 0.003),
-    ("blur_um", 0.8, 0.02),
-];
-
-fn place_mm([x_px, y_px]: [f64; 2]) -> [f64; 2] {
-    let settings = Settings {
-        pixel_dim_x: EDGE as u32,
-        pixel_dim_y: EDGE as u32,
-        ..instrument(&options(Vec::new())).settings
-    };
-    FieldOptics::place(&settings, x_px, y_px)
-}
-
-/// Five by four particles on dark counts of 100, each with a brightness of its own; with a seed, with noise of
-/// 4 counts and 0.1 of the light in two frames of each plane.
-fn scan(seed: Option<u64>) -> (Scan, Vec<[f64; 2]>) {
-    let instrument = instrument(&options(Vec::new()));
-    let stage_um: Vec<f64> = (0..9).map(|i| 4.0 * f64::from(i) - 15.0).collect();
-    let places_px: Vec<[f64; 2]> = (0..20)
-        .map(|i| [20.0 + 47.0 * f64::from(i % 5) + 0.3, 25.0 + 59.0 * f64::from(i / 5) - 0.2])
-        .collect();
-    let mut planes = vec![vec![100.0f64; EDGE * EDGE]; stage_um.len()];
-    for (k, at) in places_px.iter().enumerate() {
-        let place = place_mm(*at);
-        let local = truth(place);
-        let r = libm::hypot(place[0], place[1]);
-        let images =
-            instrument.images(&local, place.map(|at| at / r), [-30.0, 30.0], 2 * HALF, FINE).unwrap();
-        for (plane, stage_um) in planes.iter_mut().zip(&stage_um) {
-            let depth_um = instrument.depth_um(&local, *stage_um);
-            let moved = depth_um * instrument.px_per_um();
-            let middle = at.map(|at| at.round());
-            let reach = HALF as i64 + 2;
-            let offsets = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| [x as f64, y as f64]));
-            let offsets: Vec<[f64; 2]> = offsets.collect();
-            let relative = |offset: &[f64; 2]| {
-                [0, 1].map(|axis| middle[axis] + offset[axis] - at[axis] - local[SLOPE + axis] * moved)
-            };
-            let shares = images.shares(depth_um, &offsets.iter().map(relative).collect::<Vec<_>>());
-            for (offset, share) in offsets.iter().zip(shares) {
-                let [x, y] = [0, 1].map(|axis| (middle[axis] + offset[axis]) as usize - 1);
-                if let Some(count) = plane.get_mut(y * EDGE + x) {
-                    *count += (3e5 + 1e4 * k as f64) * share;
-                }
-            }
+impl Truth {
+    /// The same optics over the whole field, without aberrations.
+    fn uniform() -> Truth {
+        Truth {
+            field: FieldOptics::default(),
+            numerical_aperture: 0.3,
+            focus_um: 1.0,
+            spherical: 0.0,
+            transmission: 0.0,
+            blur_um: 0.8,
         }
     }
-    let frames = if seed.is_some() { 2 } else { 1 };
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed.unwrap_or(0));
-    // Nearly normal: the sum of twelve uniform numbers has a variance of 1.
-    let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
-    let mut noise = |count: f64| match seed {
-        Some(_) => libm::sqrt(16.0 + 0.1 * (count - 100.0)) * normal(),
-        None => 0.0,
-    };
-    let planes = (0..frames * planes.len())
-        .map(|i| planes[i / frames].iter().map(|count| (count + noise(*count)).round() as u16).collect())
-        .collect();
-    let stage_um = stage_um.into_iter().flat_map(|z| std::iter::repeat_n(z, frames)).collect();
-    let scan =
-        Scan { width: EDGE, height: EDGE, planes, stage_um, full_scale: u16::MAX, warnings: Vec::new() };
-    (scan, places_px)
+
+    /// Terms of all kinds, some of which are 0.
+    fn varied() -> Truth {
+        Truth {
+            field: FieldOptics {
+                focus: FocusSurface { curvature_um_per_mm2: 30.0, tilt_um_per_mm: (8.0, 0.0) },
+                chief_ray: ChiefRay { slope: (0.01, 0.0), per_mm: 0.1 },
+                distortion_per_mm2: 0.0,
+                light_per_mm2: -3.0,
+                coma: FieldComa { constant: (0.03, 0.0), per_mm: -0.3 },
+                astigmatism: FieldAstigmatism { constant: (-0.02, 0.0), per_mm: 0.2, per_mm2: 0.0 },
+                vignetting: Vignetting { meridional_per_mm2: 2.0 },
+            },
+            spherical: 0.02,
+            transmission: -0.2,
+            ..Self::uniform()
+        }
+    }
+
+    /// All coefficients that a fit finds.
+    fn coefficients(&self) -> Vec<(&'static str, f64)> {
+        let FieldOptics { focus, chief_ray, coma, astigmatism, vignetting, .. } = &self.field;
+        vec![
+            ("focus_um", self.focus_um),
+            ("focus.tilt_um_per_mm.0", focus.tilt_um_per_mm.0),
+            ("focus.tilt_um_per_mm.1", focus.tilt_um_per_mm.1),
+            ("focus.curvature_um_per_mm2", focus.curvature_um_per_mm2),
+            ("chief_ray.slope.0", chief_ray.slope.0),
+            ("chief_ray.slope.1", chief_ray.slope.1),
+            ("chief_ray.per_mm", chief_ray.per_mm),
+            ("numerical_aperture", self.numerical_aperture),
+            ("vignetting.meridional_per_mm2", vignetting.meridional_per_mm2),
+            ("coma.constant.0", coma.constant.0),
+            ("coma.constant.1", coma.constant.1),
+            ("coma.per_mm", coma.per_mm),
+            ("astigmatism.constant.0", astigmatism.constant.0),
+            ("astigmatism.constant.1", astigmatism.constant.1),
+            ("astigmatism.per_mm", astigmatism.per_mm),
+            ("astigmatism.per_mm2", astigmatism.per_mm2),
+            ("spherical", self.spherical),
+            ("blur_um", self.blur_um),
+            ("transmission", self.transmission),
+            ("light_per_mm2", self.field.light_per_mm2),
+        ]
+    }
 }
 
+/// The light of each particle on its surroundings, per light emitted into the half space, by plane.
+struct Images {
+    /// Edge of the scan, px.
+    edge: usize,
+    places_px: Vec<[f64; 2]>,
+    stage_um: Vec<f64>,
+    /// By particle and plane: indices of pixels and light.
+    shares: Vec<Vec<Vec<(usize, f64)>>>,
+}
+
+impl Images {
+    /// `across` x `across` particles.
+    fn of(truth: &Truth, across: usize) -> Images {
+        let edge = PITCH * across;
+        let stage_um: Vec<f64> = (0..7).map(|i| 5.0 * f64::from(i) - 14.0).collect();
+        let place = |i: usize| [25.3 + (PITCH * (i % across)) as f64, 24.8 + (PITCH * (i / across)) as f64];
+        let places_px: Vec<[f64; 2]> = (0..across * across).map(place).collect();
+        let FieldOptions { given, diameter_um, waves, .. } = options(Vec::new());
+        let settings = Settings {
+            magnification: given.magnification,
+            numerical_aperture: truth.numerical_aperture,
+            pixel_size: given.pixel_size_um,
+            pixel_dim_x: edge as u32,
+            pixel_dim_y: edge as u32,
+            ..Settings::setting1()
+        };
+        let pupil = PupilFunction {
+            zernike: vec![(11, truth.spherical)],
+            transmission: truth.transmission,
+            ..PupilFunction::default()
+        };
+        let optics = WaveOptics {
+            emission: waves.emission,
+            lens: waves.lens,
+            pupil,
+            blur_um: truth.blur_um,
+            ..WaveOptics::new(waves.wavelength_um)
+        };
+        let renderer = WavesRenderer::new(&settings, &optics, 0.1 * FINE).unwrap();
+        let reach = HALF as i64 + 3;
+        let of_particle = |[x, y]: &[f64; 2]| {
+            let local = truth.field.at(FieldOptics::place(&settings, *x, *y));
+            let images =
+                renderer.single_images_at(&local, [-30.0, 30.0], diameter_um, [reach as usize + 3; 2]);
+            let plane = |stage: &f64| {
+                let particle = Particle::sphere(*x, *y, stage - truth.focus_um, diameter_um);
+                let seen = truth.field.apparent(&settings, &particle);
+                let (column, row) = (x.round() as i64, y.round() as i64);
+                let pixels: Vec<[i64; 2]> = (row - reach..=row + reach)
+                    .flat_map(|y| (column - reach..=column + reach).map(move |x| [x, y]))
+                    .collect();
+                let at: Vec<[f64; 2]> =
+                    pixels.iter().map(|[x, y]| [*x as f64 - seen.x_px, *y as f64 - seen.y_px]).collect();
+                let shares = images.shares(seen.z_um, &at);
+                let index = |[x, y]: &[i64; 2]| (*y as usize - 1) * edge + *x as usize - 1;
+                pixels.iter().map(index).zip(shares.iter().map(|share| seen.c_int * share)).collect()
+            };
+            stage_um.iter().map(plane).collect()
+        };
+        let shares = places_px.iter().map(of_particle).collect();
+        Images { edge, places_px, stage_um, shares }
+    }
+
+    /// Two frames of each plane, of particles with this mean light and 5 % of scatter, with shot noise of one count per
+    /// count and read noise.
+    fn scan(&self, light: f64, seed: u64) -> Scan {
+        let streams = Streams::new(seed);
+        let mut stream = streams.stream(Purpose::Intensity, 0, 0);
+        let lights: Vec<f64> =
+            self.places_px.iter().map(|_| light * (1.0 + 0.05 * normal(&mut stream))).collect();
+        let mut planes = Vec::new();
+        for plane in 0..self.stage_um.len() {
+            let mut mean = vec![GLOW; self.edge * self.edge];
+            for (shares, light) in self.shares.iter().zip(&lights) {
+                shares[plane].iter().for_each(|(at, share)| mean[*at] += light * share);
+            }
+            for _ in 0..2 {
+                let mut count = |mean: &f64| {
+                    let electrons = poisson(&mut stream, *mean) as f64;
+                    (OFFSET + electrons + READ_NOISE * normal(&mut stream)).round() as u16
+                };
+                planes.push(mean.iter().map(&mut count).collect());
+            }
+        }
+        let stage_um = self.stage_um.iter().flat_map(|z| [*z; 2]).collect();
+        Scan {
+            width: self.edge,
+            height: self.edge,
+            planes,
+            stage_um,
+            full_scale: u16::MAX,
+            warnings: Vec::new(),
+        }
+    }
+
+    fn fit(&self, light: f64, seed: u64) -> FieldFit {
+        let scan = self.scan(light, seed);
+        fit_field(&scan, &options(self.places_px.clone()), &|_| ()).unwrap().fitted
+    }
+}
+
+/// Errors in standard deviations.
+fn errors(made: &FieldFit, truth: &Truth) -> Vec<(&'static str, f64)> {
+    let error = |(key, truth): (&'static str, f64)| {
+        let found = made.coefficients.iter().find(|c| c.key == key)?;
+        Some((key, (found.value - truth) / found.sd))
+    };
+    truth.coefficients().into_iter().filter_map(error).collect()
+}
+
+/// Mean errors of one particle's quantities over many recordings, in standard deviations of one. Weights from the counts
+/// (Neyman's chi-squared) give a background of 0.32 counts less, a transmission that is off by 0.42 of its standard
+/// deviation, and an NA off by 0.21: four and two standard deviations in a fit of a hundred particles.
 #[test]
-#[ignore = "slow: .ci/full"]
-fn the_optics_of_a_known_field_are_found() {
-    let (scan, places_px) = scan(None);
-    let made = fit_field(&scan, &options(places_px), &|_| ()).unwrap();
-    let fitted = &made.fitted;
-    assert!(fitted.particles.iter().all(|particle| particle.is_single), "{:?}", fitted.particles);
-    assert!(fitted.r2_of_field > 0.999, "{}", fitted.r2_of_field);
-    for (key, expected, allowed) in TRUTH {
-        let found = fitted.coefficients.iter().find(|c| c.key == key).unwrap();
-        assert!((found.value - expected).abs() < allowed, "{found:?}, not {expected}");
+fn shot_noise_moves_no_quantity() {
+    const RECORDINGS: u32 = 300;
+    let truth = Truth::uniform();
+    let images = Images::of(&truth, 1);
+    let options = options(images.places_px.clone());
+    let instrument = instrument(&options);
+    let mut local = [0.0; local::COUNT];
+    (local[FOCUS], local[NA], local[MERIDIONAL], local[BLUR]) =
+        (truth.focus_um, truth.numerical_aperture, 1.0, truth.blur_um);
+    for (axis, at) in images.places_px[0].iter().enumerate() {
+        local[X + axis] = at - at.round();
+    }
+    // The derivatives do not depend on the recording.
+    let mut model = None;
+    let mut errors = [0.0; FREE.len()];
+    let mut background = 0.0;
+    for recording in 0..RECORDINGS {
+        let scan = images.scan(4e4, u64::from(recording));
+        let frames = Frames::of(&scan);
+        let candidates = particles::given(&scan, &options.places_px).unwrap();
+        let (subjects, _) = subjects::of(&scan, &frames, &instrument, &candidates, HALF).unwrap();
+        let (at, differences) =
+            model.get_or_insert_with(|| subjects[0].model(&local, &FREE, 0.1 * FINE).unwrap());
+        let fit = subjects[0].normal(&local, at, differences, &FREE);
+        let covariance = fit.quadratic.matrix.inverse().unwrap();
+        for (i, by) in covariance.times(&fit.quadratic.right).iter().enumerate() {
+            errors[i] += by / libm::sqrt(covariance.at(i, i));
+        }
+        background += fit.background();
+    }
+    let off = background / f64::from(RECORDINGS) - OFFSET - GLOW;
+    assert!(off.abs() < 0.05, "background off by {off} counts");
+    for (quantity, error) in FREE.iter().zip(errors) {
+        // Four standard errors of the mean.
+        let mean = error / f64::from(RECORDINGS);
+        assert!(
+            mean.abs() < 4.0 / f64::from(RECORDINGS).sqrt(),
+            "{}: {mean}",
+            local::QUANTITIES[*quantity].0
+        );
     }
 }
 
@@ -183,34 +303,38 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
 
 #[test]
 fn the_optics_of_few_particles_are_taken_as_constant() {
-    let (scan, places_px) = scan(None);
-    let made = fit_field(&scan, &options(vec![places_px[7]]), &|_| ()).unwrap().fitted;
-    let of = |key: &str| made.coefficients.iter().find(|c| c.key == key).map(|c| c.value);
-    assert!((of("numerical_aperture").unwrap() - 0.3).abs() < 0.002, "{:?}", made.coefficients);
-    assert!((of("blur_um").unwrap() - 0.8).abs() < 0.03, "{:?}", made.coefficients);
-    assert_eq!(of("coma.per_mm"), None);
+    let truth = Truth::uniform();
+    let made = Images::of(&truth, 1).fit(3e5, 0);
+    assert!(made.coefficients.iter().all(|c| !c.key.contains("per_mm")), "{:?}", made.coefficients);
+    for (key, error) in errors(&made, &truth) {
+        // One of eleven is beyond four with a probability of 0.07 %.
+        assert!(error.abs() < 4.0, "{key}: {error} standard deviations");
+    }
     assert!(made.warnings.iter().any(|text| text.contains("taken as the same over the field")));
 }
 
-/// The 95 % intervals of each term, over scans that differ by noise only.
+/// The 95 % intervals of each term, over scans that differ by noise and the light of particles.
 #[test]
 #[ignore = "slow: .ci/full"]
 #[expect(clippy::print_stdout, reason = "the counts are also of interest when they suffice")]
 fn intervals_of_a_field_cover_its_terms() {
-    let seeds = 40_u64;
-    // Two minutes each.
-    let fits = (0..seeds).into_par_iter().map(|seed| {
-        let (scan, places_px) = scan(Some(seed));
-        fit_field(&scan, &options(places_px), &|_| ()).unwrap().fitted
-    });
-    let mut covered = std::collections::BTreeMap::<&str, u32>::new();
-    for made in fits.collect::<Vec<_>>() {
-        for (key, truth, _) in TRUTH {
-            let found = made.coefficients.iter().find(|c| c.key == key).unwrap();
-            *covered.entry(key).or_default() += u32::from((found.value - truth).abs() < 1.96 * found.sd);
+    let scans = 16_u64;
+    // Half a minute each.
+    let truth = Truth::varied();
+    let images = Images::of(&truth, 4);
+    let mut covered = std::collections::BTreeMap::<&str, Vec<f64>>::new();
+    for seed in 0..scans {
+        let made = images.fit(3e5, seed);
+        assert!((made.background - OFFSET - GLOW).abs() < 0.3, "{}", made.background);
+        for (key, error) in errors(&made, &truth) {
+            covered.entry(key).or_default().push(error);
         }
     }
-    println!("covered by intervals of {seeds}: {covered:?}");
-    let missed = |count: &u32| f64::from(*count) < 0.85 * seeds as f64;
-    assert!(!covered.values().any(missed));
+    let inside = |errors: &[f64]| errors.iter().filter(|error| error.abs() < 1.96).count();
+    for (key, errors) in &covered {
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        println!("{key}: {} of {scans}, mean error {mean:.2} standard deviations", inside(errors));
+    }
+    assert_eq!(covered.len(), truth.coefficients().len());
+    assert!(covered.values().all(|errors| inside(errors) as f64 >= 0.85 * scans as f64));
 }
