@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use serde_json::{Value, json};
+use serde_json::Value;
 use suite::microsig::{fail, generate, path, run};
 
 use crate::release::{CHALLENGE, images_sha256, scenario, submission, unpack};

@@ -258,7 +258,6 @@ fn suite() {
         force: false,
         selection: SuiteSelection::default(),
         seed: 0,
-        anchors: false,
     };
     arena::suite::score(&suite, &datasets, &options).unwrap();
     let mut scores = written(&out.join("suite_scores.json"));
