@@ -11,8 +11,8 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let grid = match choice % 4 {
         0 => VelocityGrid::from_npy(file, &GridGeometry::default()),
         1 => VelocityGrid::from_csv(file),
-        2 => VelocityGrid::from_vtk(file),
-        _ => VelocityGrid::from_vtk_xml(file),
+        2 => VelocityGrid::from_vtk(file, None).map(|(grid, _)| grid),
+        _ => VelocityGrid::from_vtk_xml(file, None).map(|(grid, _)| grid),
     };
     let Ok(grid) = grid else { return };
     let interpolation = if choice & 64 == 0 { Interpolation::Tricubic } else { Interpolation::Trilinear };

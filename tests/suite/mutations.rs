@@ -190,8 +190,8 @@ fn settings_particles_images_grids_and_tracks_are_read_as_hostile_input() {
     mutated(grid.as_bytes(), |bytes| drop(VelocityGrid::from_csv(bytes)));
     let grid = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 1\nORIGIN 0 0 0\n\
                 SPACING 1 1 1\nPOINT_DATA 4\nVECTORS u float\n1 0 0 1 0 0 1 0 0 1 0 0\n";
-    assert!(VelocityGrid::from_vtk(grid.as_bytes()).is_ok());
-    mutated(grid.as_bytes(), |bytes| drop(VelocityGrid::from_vtk(bytes)));
+    assert!(VelocityGrid::from_vtk(grid.as_bytes(), None).is_ok());
+    mutated(grid.as_bytes(), |bytes| drop(VelocityGrid::from_vtk(bytes, None)));
     let counts = std::fs::read(suite::data().join("exact/set2_zm10_counts.npy")).unwrap();
     mutated(&counts, |bytes| drop(VelocityGrid::from_npy(bytes, &GridGeometry::default())));
     let scale = Scale::new(0.645, 752, 366, 1.0).unwrap();

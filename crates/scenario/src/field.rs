@@ -136,6 +136,9 @@ pub struct Gridded {
     /// the grid has the velocity of the nearest point of the grid.
     #[schemars(example = &"velocities.npy")]
     pub file: String,
+    /// Name of the array with the velocities in a file of VTK; needed if several arrays have three components.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub array: Option<String>,
     /// Interpolation between the nodes.
     #[serde(default = "tricubic")]
     pub interpolation: f::Interpolation,
@@ -195,11 +198,22 @@ impl Gridded {
         let (file, bytes) = found.read(&key, &self.file)?;
         let extension =
             Path::new(&self.file).extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let is_vtk = ["vtk", "vti", "vtr"].contains(&extension.as_str());
+        if let Some(array) = self.array.as_ref().filter(|_| !is_vtk) {
+            found.problems.value(&joined(path, "array"), array, "no array of a file that is not of VTK");
+            return None;
+        }
+        // The scenario in the dataset names the array.
+        let array = self.array.take();
+        let mut named = |(grid, name): (VelocityGrid, String)| {
+            self.array = Some(name);
+            grid
+        };
         let grid = match extension.as_str() {
             "npy" => VelocityGrid::from_npy(&bytes[..], &self.geometry),
             "csv" => VelocityGrid::from_csv(&bytes[..]),
-            "vtk" => VelocityGrid::from_vtk(&bytes[..]),
-            "vti" | "vtr" => VelocityGrid::from_vtk_xml(&bytes[..]),
+            "vtk" => VelocityGrid::from_vtk(&bytes[..], array.as_deref()).map(&mut named),
+            "vti" | "vtr" => VelocityGrid::from_vtk_xml(&bytes[..], array.as_deref()).map(&mut named),
             other => {
                 found.problems.value(
                     &key,

@@ -10,6 +10,7 @@ pub mod input;
 mod interrupt;
 pub mod journal;
 pub mod json;
+pub mod listing;
 mod lock;
 pub mod memory;
 mod output;

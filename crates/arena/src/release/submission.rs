@@ -117,7 +117,8 @@ pub struct SubmissionFiles {
 impl SubmissionFiles {
     /// Whether the path is a submission (folder or zip archive) rather than a result file.
     pub fn are_at(path: &Path) -> bool {
-        path.is_dir() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip"))
+        [SUBMISSION, RESULTS].iter().any(|name| path.join(name).exists())
+            || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip"))
     }
 
     /// Opens a submission.

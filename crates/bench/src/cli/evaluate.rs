@@ -16,7 +16,7 @@ use arena::report;
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::measurement::{beyond, check_order, facts_of};
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
-use scoring::results::{self, Conventions, Format, LengthUnit, Origin, TrackerResult};
+use scoring::results::{self, Conventions, Format, LengthUnit, Origin, PairChoice, TrackerResult};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
@@ -29,8 +29,8 @@ pub(super) struct Evaluate {
     /// The dataset's folder, or a truth table alone (canonical CSV)
     #[arg(value_parser = input())]
     dataset: InputFile,
-    /// A tracker's result (particles or a displacement field), or a submission to a challenge (a folder or
-    /// zip archive)
+    /// A tracker's result (particles or a displacement field), a folder or quoted pattern (`f*.txt`) of
+    /// fields with a file for each image pair, or a submission to a challenge (a folder or zip archive)
     #[arg(value_parser = input())]
     result: InputFile,
     /// The result's format [default: detected from its header]
@@ -66,9 +66,17 @@ pub(super) struct Evaluate {
     /// Number of the result's first frame [default: that of the format]
     #[arg(long, value_name = "N")]
     frame_base: Option<i64>,
-    /// Pixel size in object space [default: the dataset's]
+    /// Pixel size in object space [default: the dataset's]. A field without stated units is then in m, mm or
+    /// um
     #[arg(long, value_name = "UM")]
     um_per_px: Option<f64>,
+    /// Time between the frames of a pair [default: the dataset's]. A field without stated units is then of
+    /// velocities per s
+    #[arg(long, value_name = "S", alias = "dt-s")]
+    dt: Option<f64>,
+    /// Image pair of a field, or of its first file, where the file does not state it; `all` for an ensemble
+    #[arg(long, value_name = "N|all")]
+    pair: Option<PairChoice>,
     /// Depth range in which particles are scored; its extent is h [default: the dataset's]
     #[arg(long, value_names = ["UM", "UM"], num_args = 2)]
     depth: Option<Vec<f64>>,
@@ -116,6 +124,8 @@ impl Evaluate {
             y_up: self.y.map(|y| y == Direction::Up),
             frame_base: self.frame_base,
             um_per_px: self.um_per_px,
+            dt_s: self.dt,
+            pair: self.pair,
             // Two values, as the parser sees to.
             depth_um: self.depth.as_deref().and_then(|depths| Some((*depths.first()?, *depths.get(1)?))),
             ..Conventions::default()

@@ -1,5 +1,5 @@
 //! Velocities on a regular grid, and the readers of files that hold them: NumPy arrays, CSV, VTK
-//! (legacy structured points; XML images and rectilinear grids).
+//! (images and rectilinear grids, legacy or XML).
 //!
 //! Readers take any `Read`, not a path. An array is rejected before allocation if its header declares more
 //! than [`MAX_NODES`] nodes.
@@ -83,6 +83,26 @@ impl VelocityGrid {
         Ok(VelocityGrid { origin, spacing, counts, times_s, velocities })
     }
 
+    /// A grid whose spacing may be negative: the nodes are then sorted.
+    fn oriented(
+        origin: DVec3,
+        spacing: DVec3,
+        counts: [usize; 3],
+        mut velocities: Vec<DVec3>,
+    ) -> Result<Self> {
+        let ([nx, ny, nz], mut first) = (counts, origin);
+        if velocities.len() == nodes(&counts, 1)? && spacing.min_element() < 0.0 {
+            let at = |n: usize, k: usize, axis: usize| if spacing[axis] < 0.0 { n - 1 - k } else { k };
+            let node =
+                |n: usize| at(nx, n % nx, 0) + nx * (at(ny, n / nx % ny, 1) + ny * at(nz, n / nx / ny, 2));
+            velocities = (0..velocities.len()).map(|n| velocities[node(n)]).collect();
+            for axis in 0..3 {
+                first[axis] += spacing[axis].min(0.0) * (counts[axis] - 1) as f64;
+            }
+        }
+        VelocityGrid::new(first, spacing.abs(), counts, vec![0.0], velocities)
+    }
+
     /// Position of the first node, um.
     pub fn origin_um(&self) -> DVec3 {
         self.origin
@@ -111,6 +131,45 @@ impl VelocityGrid {
 
 fn fault(format: &'static str, line: Option<usize>, found: String, expected: &str) -> Error {
     Error::Data { format, line, found, expected: expected.to_owned() }
+}
+
+/// First value and step of equidistant coordinates; the step of a single one is 1.
+fn even_axis(axis: usize, at: &[f64]) -> Result<(f64, f64)> {
+    let [first, .., last] = at else { return Ok((at.first().copied().unwrap_or(0.0), 1.0)) };
+    let step = (last - first) / (at.len() - 1) as f64;
+    let place = |k: usize| first + step * k as f64;
+    // Tolerance for coordinates in single precision.
+    match at.iter().enumerate().find(|(k, x)| (place(*k) - **x).abs() > 1e-4 * step.abs()) {
+        None => Ok((*first, step)),
+        Some((k, x)) => {
+            let name = ["x", "y", "z"][axis];
+            let found = format!("{name} = {x} um at node {k} where equal steps give {}", place(k));
+            Err(fault("vtk", None, found, "equal steps; resample the grid (docs/flow.md)"))
+        }
+    }
+}
+
+/// Index of the array of velocities among those of three components: the one named `array`, or the only one.
+fn select(names: &[&str], array: Option<&str>, has_cells: bool) -> Result<usize> {
+    let all = names.join(", ");
+    match (array, names) {
+        (Some(array), names) => names
+            .iter()
+            .position(|name| *name == array)
+            .ok_or_else(|| fault("vtk", None, format!("vectors {all}"), &format!("the array {array:?}"))),
+        (None, [_]) => Ok(0),
+        (None, []) if has_cells => {
+            let expected = "those of points (cell_data_to_point_data() of PyVista converts them)";
+            Err(fault("vtk", None, "velocities of cells".to_owned(), expected))
+        }
+        (None, []) => {
+            Err(fault("vtk", None, "no vectors of points".to_owned(), "an array with three components"))
+        }
+        (None, _) => {
+            let found = format!("several arrays of vectors ({all})");
+            Err(fault("vtk", None, found, "the key `array` with the name of the velocity"))
+        }
+    }
 }
 
 /// The total number of nodes over all times; `Err` if it is 0 or above [`MAX_NODES`].

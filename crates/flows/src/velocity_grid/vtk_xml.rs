@@ -12,7 +12,7 @@ use miniz_oxide::inflate::decompress_to_vec_zlib_with_limit;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
-use super::{VelocityGrid, fault, nodes};
+use super::{VelocityGrid, even_axis, fault, nodes, select};
 use crate::error::{Error, Result};
 
 const FORMAT: &str = "vtk";
@@ -44,7 +44,6 @@ struct Header {
     pieces: usize,
     origin: Option<DVec3>,
     spacing: Option<DVec3>,
-    vectors: Option<String>,
     points: Vec<DataArray>,
     coordinates: Vec<DataArray>,
     has_cells: bool,
@@ -53,20 +52,23 @@ struct Header {
 
 impl VelocityGrid {
     /// Reads a VTK XML file of an image or of a rectilinear grid with equal steps. The velocity, in um/s, is
-    /// the array that `Vectors` names, else the first with three components; coordinates are in um. `Err` if
-    /// the file is malformed or holds something else.
-    pub fn from_vtk_xml(mut source: impl BufRead) -> Result<Self> {
+    /// the point data with three components, of several the array named `array`; returns its name, too.
+    /// Coordinates are in um. `Err` if the file is malformed or holds something else, or names the arrays if
+    /// there are several.
+    pub fn from_vtk_xml(mut source: impl BufRead, array: Option<&str>) -> Result<(Self, String)> {
         let mut bytes = Vec::new();
         source.read_to_end(&mut bytes).map_err(|e| wrong(e.to_string(), "a file that can be read"))?;
         let (text, appended) = split(&bytes);
         let header = Header::read(text)?;
         let counts = header.counts()?;
         let n = nodes(&counts, 1)?;
-        let velocities = header.velocity()?;
-        let velocities = header.values(velocities, 3 * n, appended)?;
+        let vectors: Vec<&DataArray> = header.points.iter().filter(|array| array.components == 3).collect();
+        let names: Vec<&str> = vectors.iter().map(|array| array.name.as_str()).collect();
+        let found = vectors[select(&names, array, header.has_cells)?];
+        let velocities = header.values(found, 3 * n, appended)?;
         let (origin, spacing) = header.geometry(counts, appended)?;
         let velocities = velocities.chunks(3).map(DVec3::from_slice).collect();
-        VelocityGrid::new(origin, spacing, counts, vec![0.0], velocities)
+        Ok((VelocityGrid::oriented(origin, spacing, counts, velocities)?, found.name.clone()))
     }
 }
 
@@ -162,10 +164,7 @@ impl Header {
                 }
             }
             "Piece" => self.pieces += 1,
-            "PointData" => {
-                *within = "PointData".to_owned();
-                self.vectors = get("Vectors");
-            }
+            "PointData" => *within = "PointData".to_owned(),
             "Coordinates" => *within = "Coordinates".to_owned(),
             "CellData" => *within = "CellData".to_owned(),
             "AppendedData" => self.is_appended_in_base64 = get("encoding").as_deref() == Some("base64"),
@@ -208,23 +207,6 @@ impl Header {
         }
     }
 
-    fn velocity(&self) -> Result<&DataArray> {
-        let named =
-            self.vectors.as_ref().and_then(|name| self.points.iter().find(|array| array.name == *name));
-        let found = named.or_else(|| self.points.iter().find(|array| array.components == 3));
-        let found = found.filter(|array| array.components == 3);
-        found.ok_or_else(|| match self.has_cells {
-            true => wrong(
-                "velocities of cells",
-                "those of points (cell_data_to_point_data() of PyVista converts them)",
-            ),
-            false => {
-                let names: Vec<&str> = self.points.iter().map(|array| array.name.as_str()).collect();
-                wrong(format!("point data {names:?}"), "an array with three components")
-            }
-        })
-    }
-
     /// Position of the first node, and steps.
     fn geometry(&self, counts: [usize; 3], appended: &[u8]) -> Result<(DVec3, DVec3)> {
         if self.grid == "ImageData" {
@@ -241,26 +223,7 @@ impl Header {
         let (mut origin, mut spacing) = (DVec3::ZERO, DVec3::ONE);
         for (axis, array) in self.coordinates.iter().enumerate() {
             let at = self.values(array, counts[axis], appended)?;
-            origin[axis] = at[0];
-            if at.len() > 1 {
-                let step = (at[at.len() - 1] - at[0]) / (at.len() - 1) as f64;
-                let uneven = at
-                    .iter()
-                    .enumerate()
-                    .position(|(k, x)| (at[0] + step * k as f64 - x).abs() > 1e-4 * step.abs());
-                if let Some(k) = uneven {
-                    let name = ["x", "y", "z"][axis];
-                    return Err(wrong(
-                        format!(
-                            "{name} = {} um at node {k} where equal steps give {}",
-                            at[k],
-                            at[0] + step * k as f64
-                        ),
-                        "equal steps; resample the grid (docs/flow.md)",
-                    ));
-                }
-                spacing[axis] = step;
-            }
+            (origin[axis], spacing[axis]) = even_axis(axis, &at)?;
         }
         Ok((origin, spacing))
     }
@@ -384,7 +347,7 @@ mod tests {
     }
 
     fn read(file: &[u8]) -> std::result::Result<VelocityGrid, String> {
-        VelocityGrid::from_vtk_xml(file).map_err(|e| e.to_string())
+        VelocityGrid::from_vtk_xml(file, None).map(|(grid, _)| grid).map_err(|e| e.to_string())
     }
 
     #[test]
@@ -433,11 +396,30 @@ mod tests {
             )
         };
         assert_eq!(read(grid("1 1.5 2").as_bytes()), Ok(small()));
+        // Falling x: the rows of velocities are reversed.
+        let falling = read(grid("2 1.5 1").as_bytes()).unwrap();
+        assert_eq!((falling.origin, falling.spacing), (small().origin, small().spacing));
+        assert_eq!(falling.velocities[..3], [2, 1, 0].map(|k| small().velocities[k]));
         assert!(
             read(grid("1 1.6 2").as_bytes())
                 .unwrap_err()
                 .contains("x = 1.6 um at node 1 where equal steps give 1.5")
         );
+    }
+
+    /// Whatever `Vectors` says: ParaView names the array last shown, which may be a vorticity.
+    #[test]
+    fn of_several_arrays_one_is_named() {
+        let text: Vec<String> = numbers().iter().map(f64::to_string).collect();
+        let data = format!("format=\"ascii\">{}", text.join(" "));
+        let more = "<DataArray type=\"Float32\" Name=\"vorticity\" NumberOfComponents=\"3\" format=\"ascii\">0</DataArray>";
+        let file = image("", &data, "").replace(
+            "<DataArray type=\"Float64\" Name=\"U\"",
+            &format!("{more}<DataArray type=\"Float64\" Name=\"U\""),
+        );
+        assert!(read(file.as_bytes()).unwrap_err().contains("several arrays of vectors (vorticity, U)"));
+        let (grid, name) = VelocityGrid::from_vtk_xml(file.as_bytes(), Some("U")).unwrap();
+        assert_eq!((grid, name.as_str()), (small(), "U"));
     }
 
     #[test]

@@ -134,9 +134,8 @@ fn follow(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Follo
                 found += 1;
             }
         }
-        let is_free = |p: &&&CandidatePair| {
-            hits[p.truth as usize].is_none() && !taken[p.result as usize - r.start]
-        };
+        let is_free =
+            |p: &&&CandidatePair| hits[p.truth as usize].is_none() && !taken[p.result as usize - r.start];
         for p in near.iter().filter(is_free) {
             let (row, column) = (p.truth - t.start as u32, p.result - r.start as u32);
             rest.push(Pair { row, column, value: p.squared.sqrt() });

@@ -75,7 +75,8 @@ impl Crps {
             let [xy, z] = match point {
                 Matched::Pair(i, j) if !ambiguous[i] => {
                     let errors = error(truth, result, (i, j));
-                    let claims = sigma.get(result.points[j].source as usize).copied().unwrap_or([f64::NAN; 3]);
+                    let claims =
+                        sigma.get(result.points[j].source as usize).copied().unwrap_or([f64::NAN; 3]);
                     let [x, y, z] = std::array::from_fn(|k| crps(errors[k], claims[k]).min(unfound[k / 2]));
                     [0.5 * (x + y), z]
                 }

@@ -202,12 +202,20 @@ impl Detection {
             (unit, sums)
         }));
         let root = |s: f64, n: f64| ratio(s, n).map(f64::sqrt);
-        let [interval_precision, interval_recall, interval_f1, interval_jaccard, interval_rmse_xy_px, interval_rmse_z_um, interval_bias_x_px, interval_bias_y_px] =
-            units.intervals(&sums, |&[tp, missed, fp, xy, z, dx, dy]| {
-                let [precision, recall, f1, jaccard] = rates(tp, missed, fp);
-                let z = root(z, tp).filter(|_| depth);
-                [precision, recall, f1, jaccard, root(xy, tp), z, ratio(dx, tp), ratio(dy, tp)]
-            });
+        let [
+            interval_precision,
+            interval_recall,
+            interval_f1,
+            interval_jaccard,
+            interval_rmse_xy_px,
+            interval_rmse_z_um,
+            interval_bias_x_px,
+            interval_bias_y_px,
+        ] = units.intervals(&sums, |&[tp, missed, fp, xy, z, dx, dy]| {
+            let [precision, recall, f1, jaccard] = rates(tp, missed, fp);
+            let z = root(z, tp).filter(|_| depth);
+            [precision, recall, f1, jaccard, root(xy, tp), z, ratio(dx, tp), ratio(dy, tp)]
+        });
         let score = Detection {
             tp,
             missed,

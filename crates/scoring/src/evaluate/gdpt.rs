@@ -150,11 +150,17 @@ impl Gdpt {
             };
             (unit, sums)
         }));
-        let [interval_phi, interval_precision, interval_sigma_x_px, interval_sigma_y_px, interval_sigma_z_um, interval_sigma_z_over_h] =
-            units.intervals(&sums, |&[tp, n, m, x, y, z]| {
-                let [x, y, z] = [x, y, z].map(|s| ratio(s, tp).map(f64::sqrt));
-                [ratio(tp, n), ratio(tp, m), x, y, z, z.map(|z| z / h)]
-            });
+        let [
+            interval_phi,
+            interval_precision,
+            interval_sigma_x_px,
+            interval_sigma_y_px,
+            interval_sigma_z_um,
+            interval_sigma_z_over_h,
+        ] = units.intervals(&sums, |&[tp, n, m, x, y, z]| {
+            let [x, y, z] = [x, y, z].map(|s| ratio(s, tp).map(f64::sqrt));
+            [ratio(tp, n), ratio(tp, m), x, y, z, z.map(|z| z / h)]
+        });
 
         let flat = greedy(truth, result, &Gate { z_um: f64::INFINITY, ..gate })?;
         let wrong = flat.pairs().filter(|&p| error(truth, result, p)[2].abs() > h / 10.0).count();

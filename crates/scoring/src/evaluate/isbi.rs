@@ -117,7 +117,9 @@ impl Isbi {
             items.push((units.of_track(track), [0.0, frames, 0.0, 0.0, frames, 1.0, 0.0, 0.0]));
         }
         let mut partner = vec![None; n_result];
-        chosen.iter().for_each(|pair| partner[pair.column as usize] = Some(units.of_track(pair.row as usize)));
+        chosen
+            .iter()
+            .for_each(|pair| partner[pair.column as usize] = Some(units.of_track(pair.row as usize)));
         for track in 0..n_result {
             let (points, frames) = (result.track(track), length(result, track));
             let share = 1.0 / points.len() as f64;
@@ -144,9 +146,8 @@ impl Isbi {
             items.push((units.of_track(pair.row as usize), more));
         }
         let sums = units.sums(items.into_iter());
-        let [interval_alpha, interval_beta, interval_jsc, interval_jsc_theta, interval_rmse] = units.intervals(
-            &sums,
-            |&[gain, frames, unpaired, tp, all, tracks, paired, squares]| {
+        let [interval_alpha, interval_beta, interval_jsc, interval_jsc_theta, interval_rmse] = units
+            .intervals(&sums, |&[gain, frames, unpaired, tp, all, tracks, paired, squares]| {
                 [
                     ratio(gain, frames),
                     ratio(gain, frames + unpaired),
@@ -154,8 +155,7 @@ impl Isbi {
                     ratio(paired, tracks),
                     ratio(squares, tp).map(f64::sqrt),
                 ]
-            },
-        );
+            });
         let gain: f64 = chosen.iter().map(|p| p.value).sum();
         let all: f64 = (0..n_true).map(|t| length(reference, t)).sum();
         let (tp, paired) = (distances.len(), chosen.len());

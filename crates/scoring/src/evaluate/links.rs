@@ -82,11 +82,10 @@ impl Links {
         let good =
             correct_links(result, matching, &next).map(|((a, _), _)| (units.of_truth(a), [1.0, 0.0, 0.0]));
         let sums = units.sums(true_ones.chain(found).chain(good));
-        let [interval_precision, interval_recall, interval_f1] =
-            units.intervals(&sums, |&[tp, n, m]| {
-                let [precision, recall, f1, _] = rates(tp, n - tp, m - tp);
-                [precision, recall, f1]
-            });
+        let [interval_precision, interval_recall, interval_f1] = units.intervals(&sums, |&[tp, n, m]| {
+            let [precision, recall, f1, _] = rates(tp, n - tp, m - tp);
+            [precision, recall, f1]
+        });
         let score =
             Links { tp, fp, missed, precision, recall, f1, interval_precision, interval_recall, interval_f1 };
         (score, sums)

@@ -33,7 +33,8 @@ pub fn facts_of(path: &Path, given: &Conventions) -> Result<RecordingFacts> {
 /// The facts, of which `given` ones take precedence.
 pub(super) fn with_given(facts: RecordingFacts, given: &Conventions) -> RecordingFacts {
     let um_per_px = given.um_per_px.or(facts.um_per_px);
-    RecordingFacts { um_per_px, depth_um: given.depth_um.or(facts.depth_um), ..facts }
+    let (depth_um, dt_s) = (given.depth_um.or(facts.depth_um), given.dt_s.or(facts.dt_s));
+    RecordingFacts { um_per_px, depth_um, dt_s, ..facts }
 }
 
 /// Describes rows of a result in frames or image pairs that the dataset does not have, each with file and

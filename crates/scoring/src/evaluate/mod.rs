@@ -170,7 +170,7 @@ fn vectors(
         field: Some(score),
         assumptions: [found.notes.clone(), notes].concat(),
         hints,
-        warnings,
+        warnings: [found.warnings.clone(), warnings].concat(),
         definitions: Definitions {
             assignment: "none".to_owned(),
             bootstrap_resamples: statistics::RESAMPLES,

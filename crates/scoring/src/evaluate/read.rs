@@ -133,7 +133,7 @@ pub fn evaluate_files(
     options.check()?;
     let result = result.into();
     measurement::check_order(dataset, &result)?;
-    let result = Source::File(result);
+    let result = Source::at(result)?;
     if dataset.is_dir() {
         return evaluate_source(|is_field| Truth::read(dataset, is_field, options), result, options);
     }

@@ -4,8 +4,7 @@
 use super::planes::PlaneScore;
 use super::read::Truth;
 use super::{
-    Counts, Definitions, EvaluateOptions, Evaluation, Score, UnitScores, definitions, particles,
-    statistics,
+    Counts, Definitions, EvaluateOptions, Evaluation, Score, UnitScores, definitions, particles, statistics,
 };
 use crate::results::Points;
 use storage::error::{Error, Result};

@@ -75,7 +75,8 @@ impl Units {
             let points = result.track(track);
             let mut units: Vec<u32> = points.iter().filter_map(|&j| near[j as usize]).collect();
             units.sort_unstable();
-            let followed = units.chunk_by(|a, b| a == b).rev().max_by_key(|same| same.len()).map(|same| same[0]);
+            let followed =
+                units.chunk_by(|a, b| a == b).rev().max_by_key(|same| same.len()).map(|same| same[0]);
             let own = followed.unwrap_or_else(|| place(&result.points[points[0] as usize].at, n));
             for j in points.iter().map(|&j| j as usize) {
                 let unit = near[j].unwrap_or(own);
@@ -243,7 +244,8 @@ impl Divided<'_> {
         let z = (0..t.len()).filter(|_| self.depth).map(|i| squared(i, &[2])).collect();
         let beside = self.with_ghost(2.0);
         let is_beside = (0..t.len()).filter(|&i| beside[i] && self.matching.of_truth[i] != NONE);
-        let beside = units.sums(is_beside.map(|i| (units.of_truth(i), [1.0]))).into_iter().map(|[n]| n).collect();
+        let beside =
+            units.sums(is_beside.map(|i| (units.of_truth(i), [1.0]))).into_iter().map(|[n]| n).collect();
         UnitScores { unit: units.of_truth.clone(), beside, xy, z, ..Default::default() }
     }
 
@@ -301,8 +303,18 @@ mod tests {
         // As many as a track has points are where they belong.
         let mut places = Places::new(10, 3, 2);
         assert_eq!([4, 4, 4].map(|wanted| places.take(wanted)), [4, 4, 0]);
-        let units: Vec<u32> = (0..1000).map(|k| place(&Position { x_px: 8.0 * f64::from(k % 40), y_px: 8.0 * f64::from(k / 40), z_um: 0.0 }, 10)).collect();
+        let units: Vec<u32> = (0..1000)
+            .map(|k| {
+                place(
+                    &Position { x_px: 8.0 * f64::from(k % 40), y_px: 8.0 * f64::from(k / 40), z_um: 0.0 },
+                    10,
+                )
+            })
+            .collect();
         // A hundred each, and their standard deviation 9.5.
-        assert!((0..10).all(|unit| (70..130).contains(&units.iter().filter(|of| **of == unit).count())), "{units:?}");
+        assert!(
+            (0..10).all(|unit| (70..130).contains(&units.iter().filter(|of| **of == unit).count())),
+            "{units:?}"
+        );
     }
 }

@@ -51,7 +51,10 @@ pub fn pairs(contestants: &[Contestant<'_>], criteria: &[Metric], seed: u64) -> 
             left.iter().for_each(|&k| found[k] = differences[k].significant(level));
             if left.iter().all(|&k| found[k].is_eq()) {
                 // A positive difference: a is better and comes first.
-                return found.into_iter().find(|order| order.is_ne()).map_or(Ordering::Equal, Ordering::reverse);
+                return found
+                    .into_iter()
+                    .find(|order| order.is_ne())
+                    .map_or(Ordering::Equal, Ordering::reverse);
             }
         }
     })

@@ -54,7 +54,11 @@ mod tests {
     /// Values are separated if they differ by more than a margin.
     fn by_values(values: &[f64], margin: f64) -> Vec<(usize, usize)> {
         let order = |a: usize, b: usize| {
-            if (values[a] - values[b]).abs() <= margin { Ordering::Equal } else { values[b].total_cmp(&values[a]) }
+            if (values[a] - values[b]).abs() <= margin {
+                Ordering::Equal
+            } else {
+                values[b].total_cmp(&values[a])
+            }
         };
         Pairs::new(values.len(), order).ranks()
     }
@@ -83,13 +87,18 @@ mod tests {
         // Random relations of seven results: a direct better one ranks before, unless a circle joins both.
         for seed in 0..2000_u32 {
             let order = |a: usize, b: usize| {
-                let mixed = (seed ^ (8 * a + b) as u32).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(0x85eb_ca6b);
+                let mixed = (seed ^ (8 * a + b) as u32)
+                    .wrapping_mul(2_654_435_761)
+                    .rotate_left(13)
+                    .wrapping_mul(0x85eb_ca6b);
                 [Ordering::Less, Ordering::Equal, Ordering::Greater, Ordering::Equal][(mixed >> 30) as usize]
             };
             let pairs = Pairs::new(7, order);
             let mut rank = [0; 7];
             pairs.ranks().into_iter().for_each(|(i, of)| rank[i] = of);
-            for (a, b) in (0..7).flat_map(|a| (0..7).map(move |b| (a, b))).filter(|(a, b)| pairs.is_better(*a, *b)) {
+            for (a, b) in
+                (0..7).flat_map(|a| (0..7).map(move |b| (a, b))).filter(|(a, b)| pairs.is_better(*a, *b))
+            {
                 assert!(rank[a] <= rank[b], "{seed} {rank:?}");
             }
         }

@@ -17,8 +17,8 @@
 //! vectors that a result chose itself), 95 % intervals that do not overlap decide. A result without a value is behind
 //! all results with one.
 
-use std::cmp::Ordering;
 use std::cell::RefCell;
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 

@@ -48,7 +48,15 @@ struct Skill {
     error_z: f64,
 }
 
-const AVERAGE: Skill = Skill { missed: 0.15, lost: 0.15, tangled: 0.2, ghosts: 0.05, ghost_tracks: 0.05, error: 0.2, error_z: 1.0 };
+const AVERAGE: Skill = Skill {
+    missed: 0.15,
+    lost: 0.15,
+    tangled: 0.2,
+    ghosts: 0.05,
+    ghost_tracks: 0.05,
+    error: 0.2,
+    error_z: 1.0,
+};
 
 /// Particles 25 px apart in a row of twelve, each 1 px per frame faster than the row before.
 fn truth(tracks: u32) -> TrueParticles {
@@ -59,12 +67,16 @@ fn truth(tracks: u32) -> TrueParticles {
     };
     let of = |frame| (0..tracks).map(move |i| TrackRow { frame, track: i64::from(i), at: at(i, frame) });
     let rows: Vec<TrackRow> = (0..FRAMES).flat_map(of).collect();
-    let mut truth = TrueParticles { visible: vec![true; rows.len()], has_z: true, ..TrueParticles::default() };
+    let mut truth =
+        TrueParticles { visible: vec![true; rows.len()], has_z: true, ..TrueParticles::default() };
     truth.facts.depth_um = Some((-40.0, 40.0));
     truth.facts.um_per_px = Some(1.0);
     truth.facts.dt_s = Some(0.01);
     truth.velocity_um_s = vec![[100.0, 0.0, 0.0]; rows.len()];
-    truth.axes = rows.iter().map(|row| [1.0, (row.track as f64 * 0.7).sin(), (row.track as f64 * 1.3).cos()]).collect();
+    truth.axes = rows
+        .iter()
+        .map(|row| [1.0, (row.track as f64 * 0.7).sin(), (row.track as f64 * 1.3).cos()])
+        .collect();
     truth.rows = rows;
     truth
 }
@@ -217,7 +229,10 @@ fn differences_that_are_found_in_most_repetitions() {
         let missed = least(&|more| Skill { missed: own.missed + more, ..own }, 0.4);
         // F1 = 2 TP / (2 TP + FN + FP), with 2 % ghosts.
         let f1 = |missed: f64| 2.0 * (1.0 - missed) * 0.98 / ((1.0 - missed) * 0.98 + 1.02);
-        let found = [f1(own.missed) - f1(own.missed + missed), least(&|more| Skill { error_z: 1.0 + more, ..own }, 1.5)];
+        let found = [
+            f1(own.missed) - f1(own.missed + missed),
+            least(&|more| Skill { error_z: 1.0 + more, ..own }, 1.5),
+        ];
         println!("| {tracks} | {:.3} | {:.0} % |", found[0], 100.0 * found[1]);
         assert!(found.iter().zip(before).all(|(now, before)| *now < before), "{found:?} {before:?}");
         before = found;

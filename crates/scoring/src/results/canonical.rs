@@ -2,11 +2,10 @@
 //! axis_x, axis_y, axis_z]` for particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields.
 //! Columns may be in any order; additional columns are ignored.
 
+use super::conventions::unused;
+use super::fields::{self, FieldColumns, FieldLayout};
 use super::sheet::{AxisColumns, OptionalColumns, Separator, TextTable};
-use super::{
-    Conventions, Converter, DroppedRows, Field, FlowVector, FormatDefaults, LengthUnit, Origin, Points,
-    Position, VelocityUnit,
-};
+use super::{Conventions, Converter, Field, FormatDefaults, LengthUnit, Origin, Points, VelocityUnit};
 use storage::InputFile;
 use storage::error::Result;
 
@@ -90,51 +89,18 @@ pub fn field(path: impl Into<InputFile>, given: &Conventions) -> Result<Field> {
 }
 
 pub(super) fn field_of(sheet: TextTable, given: &Conventions) -> Result<Field> {
-    let converter = Converter::new(FIELD, given)?;
-    let need = |name| sheet.need(name);
-    let (x, y, dx, dy) = (need("x_px")?, need("y_px")?, need("dx_px")?, need("dy_px")?);
+    let names = ["x_px", "y_px", "dx_px", "dy_px", "z_um", "dz_um", "flag", "pair", "sx_px", "sy_px"];
     let column = |name| sheet.column(name);
-    let (z, dz, flag, pair) = (column("z_um"), column("dz_um"), column("flag"), column("pair"));
-    let (sx, sy) = (column("sx_px"), column("sy_px"));
-    let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
-    let style = sheet.rows(|cells| {
-        let pair = match cells.number_or_nan(pair)? {
-            p if p.is_nan() => None,
-            p => Some(converter.pair(p)?),
-        };
-        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
-        let Some(at) = converter.position(cells.number(x)?, cells.number(y)?, z_um)? else {
-            dropped.at(cells.line);
-            return Ok(());
-        };
-        let [dx, dy] = converter.displacement(cells.number(dx)?, cells.number(dy)?);
-        let flag = match flag.map_or(Ok(0.0), |f| cells.number(f))? {
-            f if f == 0.0 || f == 1.0 || f == 2.0 => f as u8,
-            f => return Err(format!("flag = {f}: expected 0 (valid), 1 (invalid) or 2 (interpolated)")),
-        };
-        let moved = [dx, dy, cells.number_or_nan(dz)?];
-        let sigma = [cells.number_or_nan(sx)?, cells.number_or_nan(sy)?];
-        field.vectors.push(vector(pair, at, moved, flag, sigma)?);
-        field.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
-        Ok(())
-    })?;
-    field.notes = converter.notes;
-    field.notes.extend(style);
-    field.n_nan = dropped.finish(&mut field.notes);
-    Ok(field)
-}
-
-/// A vector with bounded components; one with NaN components is flagged invalid.
-pub(super) fn vector(
-    pair: Option<u32>,
-    at: Position,
-    moved: [f64; 3],
-    flag: u8,
-    sigma: [f64; 2],
-) -> std::result::Result<FlowVector, String> {
-    if let Some(large) = moved.iter().chain(&sigma).find(|v| v.abs() > 1e7) {
-        return Err(format!("{large:?}: expected a displacement of at most 1e7 px"));
-    }
-    let flag = if moved[0].is_nan() || moved[1].is_nan() { 1 } else { flag };
-    Ok(FlowVector { pair, at, moved, flag, sigma })
+    let columns = FieldColumns {
+        at: [sheet.need("x_px")?, sheet.need("y_px")?],
+        moved: [sheet.need("dx_px")?, sheet.need("dy_px")?],
+        z: column("z_um"),
+        dz: column("dz_um"),
+        pair: column("pair"),
+        sigma: [column("sx_px"), column("sy_px")],
+    };
+    let flag = column("flag");
+    let mut layout = FieldLayout { scale: Some(([1.0; 2], "px".to_owned())), ..FieldLayout::new(FIELD) };
+    layout.notes.extend(unused(&sheet.others(&names)));
+    fields::read(sheet, columns, layout, given, |cells| fields::flag(cells, flag, "flag"))
 }

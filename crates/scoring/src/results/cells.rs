@@ -55,6 +55,8 @@ pub struct Cells<'a> {
     header: &'a [String],
     /// Line in the file.
     pub line: u64,
+    /// Zone of Tecplot's text, counted from 0 or as the file numbers it, and whether it does.
+    pub(super) zone: Option<(u32, bool)>,
     decimals: Option<&'a Decimals>,
 }
 
@@ -66,7 +68,7 @@ impl<'a> Cells<'a> {
         line: u64,
         decimals: Option<&'a Decimals>,
     ) -> Self {
-        Cells { place, header, line, decimals }
+        Cells { place, header, line, zone: None, decimals }
     }
 
     /// The number in a cell; NaN if the cell is empty or a sign of a missing value.

@@ -1,6 +1,7 @@
 //! Conventions of result files (coordinates, units, frame numbers) and their conversion to microsig's.
 
 use std::path::Path;
+use std::str::FromStr;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -13,8 +14,11 @@ use storage::error::{Error, Result};
 use storage::range::faults;
 use storage::{NumberRange, advice};
 
-/// The allowed sizes of a pixel.
-const PIXELS_UM: NumberRange = NumberRange { key: "um_per_px", least: 1e-6, most: 1e6, unit: "um" };
+/// The allowed sizes of a pixel and times between frames.
+const SCALE: [NumberRange; 2] = [
+    NumberRange { key: "um_per_px", least: 1e-6, most: 1e6, unit: "um" },
+    NumberRange { key: "dt_s", least: 1e-12, most: 1e9, unit: "s" },
+];
 
 /// Coordinates of the first pixel's center.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -118,6 +122,29 @@ impl LengthUnit {
     }
 }
 
+/// Image pairs of a field whose file does not state them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PairChoice {
+    /// All, as for an ensemble correlation.
+    All,
+    /// This one; of several files, the first has it.
+    First(u32),
+}
+
+impl FromStr for PairChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text {
+            "all" => Ok(PairChoice::All),
+            text => text
+                .parse()
+                .map(PairChoice::First)
+                .map_err(|_| "expected a number from 0 on, or all".to_owned()),
+        }
+    }
+}
+
 /// Conventions given by the user or the dataset; `None` means the default of the format.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Conventions {
@@ -133,6 +160,14 @@ pub struct Conventions {
     pub frame_base: Option<i64>,
     /// Object-space length of a pixel, um.
     pub um_per_px: Option<f64>,
+    /// Time between the frames of an image pair, s.
+    pub dt_s: Option<f64>,
+    /// `um_per_px` and `dt_s` given by the user: a field whose file states no units is then in physical units.
+    pub stated: (Option<f64>, Option<f64>),
+    /// The image pair of a field, or of the first of its files.
+    pub pair: Option<PairChoice>,
+    /// Number of image pairs, and whether frames come in bursts of four.
+    pub pairs: Option<(u32, bool)>,
     /// Smallest and largest depth, um.
     pub depth_um: Option<(f64, f64)>,
     /// Width of the images, px.
@@ -146,7 +181,8 @@ pub struct Conventions {
 impl Conventions {
     /// What is out of range.
     pub fn faults(&self) -> Vec<Advice> {
-        let mut wrong = faults(&[(self.um_per_px, PIXELS_UM)]);
+        let [um_per_px, dt_s] = SCALE;
+        let mut wrong = faults(&[(self.um_per_px, um_per_px), (self.dt_s, dt_s)]);
         let is_wrong = |(low, high): &(f64, f64)| !(low < high && high - low <= LARGEST_UM);
         wrong.extend(self.depth_um.filter(is_wrong).map(|(low, high)| {
             let what = ": expected two depths in um, the lower one first, at most 1e9 um apart";
@@ -157,8 +193,12 @@ impl Conventions {
 
     /// These conventions, completed by facts of the dataset.
     pub fn completed(self, facts: &RecordingFacts) -> Self {
+        let pair_count = |frames: u32| (0..frames).filter(|pair| facts.has_pair(*pair)).count() as u32;
         Conventions {
+            stated: (self.um_per_px, self.dt_s),
+            pairs: facts.frames.map(|frames| (pair_count(frames), facts.bursts)),
             um_per_px: facts.um_per_px,
+            dt_s: facts.dt_s,
             depth_um: facts.depth_um,
             width_px: facts.sensor_px.map(|s| s.0),
             height_px: facts.sensor_px.map(|s| s.1),
@@ -267,7 +307,7 @@ impl DroppedRows {
 }
 
 /// Largest plausible values; their squares are far from overflow.
-const LARGEST_PX: f64 = 1e7;
+pub(super) const LARGEST_PX: f64 = 1e7;
 const LARGEST_SPEED: f64 = 1e12;
 
 impl Converter {
@@ -349,25 +389,7 @@ impl Converter {
 
     /// Converts a frame number to one counted from 0, or returns an error message.
     pub(crate) fn frame(&self, value: f64) -> std::result::Result<u32, String> {
-        self.number("frame", value)
-    }
-
-    /// The same for the number of an image pair.
-    pub(crate) fn pair(&self, value: f64) -> std::result::Result<u32, String> {
-        self.number("pair", value)
-    }
-
-    fn number(&self, column: &str, value: f64) -> std::result::Result<u32, String> {
-        let number = value - self.frame_base as f64;
-        if value.fract() != 0.0 || !(0.0..=f64::from(u32::MAX - 1)).contains(&number) {
-            return Err(format!("{column} = {value:?}: expected a whole number from {} on", self.frame_base));
-        }
-        Ok(number as u32)
-    }
-
-    /// Converts a displacement to px, y downward.
-    pub(crate) fn displacement(&self, dx: f64, dy: f64) -> [f64; 2] {
-        [dx * self.scale, if self.flip_at.is_some() { -dy } else { dy } * self.scale]
+        whole("frame", value, self.frame_base)
     }
 
     /// Converts a velocity from columns with these names, y downward; lengths are not scaled.
@@ -387,11 +409,7 @@ impl Converter {
 
     /// Adds a note on columns that are not used.
     pub(crate) fn ignores(&mut self, others: &[&str]) {
-        let (shown, more) = (&others[..others.len().min(8)], others.len().saturating_sub(8));
-        if !shown.is_empty() {
-            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-            self.notes.push(format!("columns not used: {}{more}", shown.join(", ")));
-        }
+        self.notes.extend(unused(others));
     }
 
     /// Converts the size of a box to px and checks size and score.
@@ -421,4 +439,20 @@ impl Converter {
             None => Ok([given[0] * self.scale, given[1] * self.scale, given[2]]),
         }
     }
+}
+
+/// The number of a frame or image pair counted from 0, of one counted from `base`, or an error message.
+pub(super) fn whole(column: &str, value: f64, base: i64) -> std::result::Result<u32, String> {
+    let number = value - base as f64;
+    if value.fract() != 0.0 || !(0.0..=f64::from(u32::MAX - 1)).contains(&number) {
+        return Err(format!("{column} = {value:?}: expected a whole number from {base} on"));
+    }
+    Ok(number as u32)
+}
+
+/// A note on columns that are not used, if there are any.
+pub(super) fn unused(others: &[&str]) -> Option<String> {
+    let (shown, more) = (&others[..others.len().min(8)], others.len().saturating_sub(8));
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    (!shown.is_empty()).then(|| format!("columns not used: {}{more}", shown.join(", ")))
 }

@@ -3,8 +3,8 @@
 
 use std::io::{BufReader, Read};
 
-use super::canonical::vector;
-use super::{Conventions, Converter, Field, FormatDefaults, LengthUnit, Origin};
+use super::fields::{FieldLayout, FieldRows};
+use super::{Conventions, Field, FlowVector, FormatDefaults, LengthUnit, Origin, Position};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
@@ -33,22 +33,20 @@ pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     if bytes != expected {
         return Err(wrong(format!("{width} x {height} px need {expected} bytes; the file has {bytes}")));
     }
-    let converter = Converter::new(DEFAULTS, given)?;
-    let mut field = Field::default();
-    for row in 0..height {
-        for column in 0..width {
+    let mut rows = FieldRows::default();
+    for row in 1..=height {
+        for column in 1..=width {
             let mut component = || next().map(|b| f64::from(f32::from_le_bytes(b))).map_err(failed);
             let (u, v) = (component()?, component()?);
-            let known = u.abs() <= 1e9 && v.abs() <= 1e9;
-            let (u, v) = if known { (u, v) } else { (f64::NAN, f64::NAN) };
-            let [dx, dy] = converter.displacement(u, v);
-            // Pixel indices are implicit, so no origin applies.
-            let at = converter.position(f64::from(column) + 1.0, f64::from(row) + 1.0, 0.0).map_err(wrong)?;
-            let vector =
-                vector(None, at.unwrap_or_default(), [dx, dy, f64::NAN], 0, [f64::NAN; 2]).map_err(wrong)?;
-            field.vectors.push(vector);
+            let is_known = u.abs() <= 1e9 && v.abs() <= 1e9;
+            let moved = if is_known { [u, v, f64::NAN] } else { [f64::NAN; 3] };
+            let at = Position { x_px: f64::from(column), y_px: f64::from(row), z_um: 0.0 };
+            let flag = u8::from(!is_known);
+            rows.vectors.push(FlowVector { pair: None, at, moved, flag, sigma: [f64::NAN; 2] });
         }
     }
-    field.notes = converter.notes;
-    Ok(field)
+    // Pixel indices are implicit, so that no origin applies; y upward has no meaning but for v.
+    let given = Conventions { origin: None, ..*given };
+    let layout = FieldLayout { scale: Some(([1.0; 2], "px".to_owned())), ..FieldLayout::new(DEFAULTS) };
+    rows.field(layout, &given, &path.display().to_string())
 }

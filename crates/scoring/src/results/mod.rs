@@ -13,6 +13,7 @@ mod cells;
 mod coco;
 mod conventions;
 mod defocustracker;
+mod fields;
 mod flo;
 mod openpiv;
 mod pivlab;
@@ -24,6 +25,7 @@ mod text;
 mod xml;
 
 use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use dataset::Columns;
 use schemars::JsonSchema;
@@ -32,14 +34,17 @@ use sheet::{Separator, TextTable};
 
 pub(crate) use canonical::PARTICLES;
 pub use canonical::{field as read_field, points as read_points};
-pub use conventions::{Conventions, LengthUnit, Limits, Origin};
+use cells::Cells;
+pub use conventions::{Conventions, LengthUnit, Limits, Origin, PairChoice};
 pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults};
+pub(crate) use fields::LENGTHS;
 use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
 pub use table::{
-    BoxSize, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit,
+    BoxSize, Field, FlowVector, Placement, Points, Position, Reversal, TrackRow, TrackerResult, Velocities,
+    VelocityUnit,
 };
 use text::{HEAD, Text};
 
@@ -75,6 +80,8 @@ pub enum Format {
     Pivlab,
     /// DaVis's text, its own or Tecplot's.
     Davis,
+    /// TSI Insight's `.vec`.
+    Insight,
     /// Middlebury's dense flow.
     Flo,
 }
@@ -82,7 +89,8 @@ pub enum Format {
 impl Format {
     /// Whether results in this format are displacement fields.
     pub fn is_field(self) -> bool {
-        matches!(self, Format::Field | Format::Openpiv | Format::Pivlab | Format::Davis | Format::Flo)
+        use Format::{Davis, Field, Flo, Insight, Openpiv, Pivlab};
+        matches!(self, Field | Openpiv | Pivlab | Davis | Insight | Flo)
     }
 }
 
@@ -91,14 +99,56 @@ impl Format {
 pub enum Source {
     /// In a file.
     File(InputFile),
+    /// A field in files of a folder or with names of a pattern, one for each image pair.
+    Files(PathBuf, Vec<InputFile>),
     /// In columns of one length, named as in a table that a program writes.
     Columns(Columns),
 }
 
+/// Extensions of the files of a folder that are read.
+const EXTENSIONS: [&str; 5] = ["txt", "dat", "csv", "vec", "flo"];
+
 impl Source {
+    /// A file, or those of a folder or pattern (`*` is any text, `?` any character), in natural order.
+    ///
+    /// # Errors
+    /// A folder that cannot be read, that has no or several kinds of results; a pattern that fits no name.
+    pub fn at(path: InputFile) -> Result<Self> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let is_pattern = name.contains(['*', '?']) && !path.exists();
+        if path.is_standard() || !(path.is_dir() || is_pattern) {
+            return Ok(Source::File(path));
+        }
+        let folder = if is_pattern { path.parent().unwrap_or(Path::new("")) } else { &path };
+        let mut files = storage::listing::listed(folder)?;
+        let wrong = |what: &str| Error::input(format!("{}: {what}", path.display()));
+        if is_pattern {
+            files.retain(|file| {
+                storage::listing::fits(&name, &file.file_name().unwrap_or_default().to_string_lossy())
+            });
+        } else {
+            let extension = |file: &PathBuf| {
+                let own = file.extension()?.to_str()?.to_ascii_lowercase();
+                EXTENSIONS.into_iter().find(|extension| *extension == own)
+            };
+            files.retain(|file| extension(file).is_some());
+            if files.iter().any(|file| extension(file) != extension(&files[0])) {
+                return Err(wrong("files of several kinds; give a pattern such as \"folder/field_*.txt\""));
+            }
+        }
+        if files.is_empty() {
+            let names = EXTENSIONS.join(", .");
+            return Err(wrong(&format!(
+                "no results; expected files .{names} of a field, one for each image pair"
+            )));
+        }
+        Ok(Source::Files(path.to_path_buf(), files.into_iter().map(InputFile::from).collect()))
+    }
+
     /// Name of the result.
     pub fn name(&self) -> String {
         match self {
+            Source::Files(path, _) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             Source::File(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             Source::Columns(_) => "result.csv".to_owned(),
         }
@@ -112,6 +162,7 @@ impl Source {
         match (given.format, self) {
             (Some(format), _) => Ok(format),
             (None, Source::File(path)) => detect(path),
+            (None, Source::Files(_, files)) => detect(&files[0]),
             (None, Source::Columns(columns)) => {
                 let names: Vec<&str> = columns.0.iter().map(|(name, _)| name.as_str()).collect();
                 of_header(COLUMNS, &names.join(","), &names)
@@ -127,7 +178,16 @@ impl Source {
         let how = if given.format.is_some() { "format given" } else { "format detected from the header" };
         let given = &Conventions { format: Some(format), ..*given };
         let (name, mut found) = match self {
-            Source::File(path) => (path.display().to_string(), of_file(&path, format, given)?),
+            Source::File(path) => {
+                let mut found = of_file(&path, format, given)?;
+                if let TrackerResult::Field(field) = &mut found {
+                    one_pair(field, format, given)?;
+                }
+                (path.display().to_string(), found)
+            }
+            Source::Files(path, files) => {
+                (path.display().to_string(), TrackerResult::Field(of_pairs(&files, format, given)?))
+            }
             Source::Columns(columns) => {
                 let table = TextTable::of_columns(COLUMNS, columns);
                 let found = of_table(table, format, given)?.ok_or_else(|| {
@@ -158,7 +218,7 @@ const COLUMNS: &str = "result";
 /// # Errors
 /// All problems of the file, with line numbers; an unknown format.
 pub fn read(path: impl Into<InputFile>, given: &Conventions) -> Result<TrackerResult> {
-    let source = Source::File(path.into());
+    let source = Source::at(path.into())?;
     let format = source.format(given)?;
     source.read(format, given)
 }
@@ -172,7 +232,7 @@ fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<Trac
         Format::Openpiv => TrackerResult::Field(openpiv::read(path, given)?),
         Format::Pivlab => TrackerResult::Field(pivlab::read(path, given)?),
         Format::LptDa => TrackerResult::Points(tecplot::points(path, given)?),
-        Format::Davis => TrackerResult::Field(tecplot::field(path, given)?),
+        Format::Davis | Format::Insight => TrackerResult::Field(tecplot::field(path, given)?),
         Format::Flo => TrackerResult::Field(flo::read(path, given)?),
         _ => {
             let table = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
@@ -180,6 +240,107 @@ fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<Trac
             found.ok_or_else(|| Error::input(format!("{}: not a table", path.display())))?
         }
     })
+}
+
+/// The number of the only image pair of a file, or of none.
+fn own_pair(field: &Field) -> std::result::Result<Option<u32>, ()> {
+    let first = field.vectors.first().and_then(|v| v.pair);
+    if field.vectors.iter().all(|v| v.pair == first) { Ok(first) } else { Err(()) }
+}
+
+/// The image pair `k` places after another.
+fn pair_after(first: u32, k: u32, given: &Conventions) -> u32 {
+    match given.pairs {
+        // The last of four frames of a burst begins no pair.
+        Some((_, true)) => {
+            let place = first / 4 * 3 + first % 4 + k;
+            place / 3 * 4 + place % 3
+        }
+        _ => first + k,
+    }
+}
+
+/// Gives a field of one file its image pair, unless the file states it: the first, or the one asked for. A
+/// canonical table without pairs counts for all of them.
+fn one_pair(field: &mut Field, format: Format, given: &Conventions) -> Result<()> {
+    let Ok(own) = own_pair(field) else {
+        return match given.pair {
+            Some(_) => Err(Error::option(advice!(option("pair"), ": the file states several image pairs"))),
+            None => Ok(()),
+        };
+    };
+    let pair = match given.pair {
+        Some(PairChoice::All) => None,
+        Some(PairChoice::First(pair)) => Some(pair),
+        None if own.is_some() || format == Format::Field => return Ok(()),
+        None => {
+            let Some((n, _)) = given.pairs.filter(|(n, _)| *n > 1) else { return Ok(()) };
+            let asks = advice!(
+                format!("one file without its number for {n} image pairs: taken as pair 0; give "),
+                option("pair").of("N"),
+                " for another, ",
+                option("pair").is("all"),
+                " for a field of all pairs (ensemble correlation), or a folder with a file for each pair"
+            );
+            field.warnings.push(asks.to_string());
+            Some(0)
+        }
+    };
+    field.vectors.iter_mut().for_each(|v| v.pair = pair);
+    field
+        .notes
+        .push(pair.map_or("a field of all image pairs".to_owned(), |pair| format!("image pair {pair}")));
+    Ok(())
+}
+
+/// Reads a field from one file for each image pair: the pairs that the files state, if these differ, otherwise
+/// in their order.
+fn of_pairs(files: &[InputFile], format: Format, given: &Conventions) -> Result<Field> {
+    let name = |file: &InputFile| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut fields = Vec::new();
+    for file in files {
+        let TrackerResult::Field(field) = of_file(file, format, given)? else {
+            let what = "particles in several files; expected one table with frames";
+            return Err(Error::input(format!("{}: {what}", file.display())));
+        };
+        fields.push(field);
+    }
+    let mut pairs = Vec::new();
+    for (field, file) in fields.iter().zip(files) {
+        pairs.push(own_pair(field).map_err(|()| {
+            Error::input(format!("{}: several image pairs in one of {} files", file.display(), files.len()))
+        })?);
+    }
+    let mut stated: Vec<u32> = pairs.iter().flatten().copied().collect();
+    stated.sort_unstable();
+    stated.dedup();
+    let first = match given.pair {
+        Some(PairChoice::All) => {
+            let what = format!(": one field for all image pairs; the result has {} files", files.len());
+            return Err(Error::option(advice!(option("pair").is("all"), what)));
+        }
+        Some(PairChoice::First(first)) => Some(first),
+        None if stated.len() == files.len() => None,
+        None => match given.pairs {
+            Some((n, _)) if n as usize != files.len() => {
+                let what = format!("{} files for {n} image pairs; give ", files.len());
+                return Err(Error::option(advice!(what, option("pair"), ", the pair of the first file")));
+            }
+            _ => Some(0),
+        },
+    };
+    let mut whole = Field::default();
+    for ((k, field), own) in (0..).zip(fields).zip(pairs) {
+        let pair = first.map_or(own, |first| Some(pair_after(first, k, given)));
+        whole.vectors.extend(field.vectors.into_iter().map(|v| FlowVector { pair, ..v }));
+        whole.n_nan += field.n_nan;
+        whole.placement = field.placement;
+        whole.notes.extend(field.notes.into_iter().filter(|note| k == 0 || note.contains("dropped")));
+    }
+    let (from, to) = (name(&files[0]), name(&files[files.len() - 1]));
+    let by = if first.is_some() { "in this order" } else { "by the numbers in them" };
+    whole.notes.push(format!("{} files, one for each image pair {by}: {from} to {to}", files.len()));
+    Ok(whole)
 }
 
 /// Reads a table with a header of column names; `None` if that is not the format.
@@ -249,8 +410,14 @@ pub fn detect(path: impl Into<InputFile>) -> Result<Format> {
         (start.starts_with('['), Format::Coco),
         (text.contains("<TrackContestISBI2012"), Format::Isbi),
         (text.contains("<Tracks") || text.contains("<TrackMate"), Format::TrackmateXml),
-        (start.starts_with("PIVlab") || lines.iter().any(|l| l.starts_with("x [")), Format::Pivlab),
+        (
+            start.starts_with("PIVlab")
+                || start.starts_with("# PIVlab")
+                || lines.iter().any(|l| l.starts_with("x [")),
+            Format::Pivlab,
+        ),
         (second.trim_start().starts_with("scaling"), Format::DefocustrackerAscii),
+        (is_tecplot && lower.contains("\"chc\""), Format::Insight),
         (is_tecplot && is_field || start.starts_with("#DaVis"), Format::Davis),
         (is_tecplot, Format::LptDa),
         (start.starts_with('#') && first.contains('x') && first.contains('u'), Format::Openpiv),

@@ -1,24 +1,30 @@
-//! PIVlab's ASCII export: up to three header lines, the last `x [px],y [px],u [px/frame],v [px/frame],Vector
-//! type [-]`; separated by commas, tabs or spaces. Pixels from 1, y downward; type 1 valid, 2 interpolated, 0
-//! masked (PIVlab's `file_save.m`). Calibrated exports are in m and m/s; the calibration factors in the
-//! second line are divided out.
+//! PIVlab's exports: text with up to three header lines, the last `x [px],y [px],u [px/frame],v
+//! [px/frame],Vector type [-]`, separated by commas, tabs or spaces, or Tecplot's text (`tecplot.rs`). Pixels
+//! from 1, y downward; type 1 valid, 2 interpolated, 0 masked. Calibrated exports are in m and m/s or m/frame;
+//! the calibration factors in the second line are divided out, because the stated units of u are not always
+//! right. The factor of u is negative if x grows to the left; that y grows upward is not in the file. Both are
+//! reversed as `size - x` (PIVlab's `file_save.m` and `xy.m`).
 
-use super::canonical::vector;
+use super::conventions::unused;
+use super::fields::{self, FieldColumns, FieldLayout, Unit};
 use super::sheet::{Separator, TextTable};
+use super::table::Reversal;
 use super::text::Text;
-use super::{Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin, shown};
+use super::{Conventions, Field, FormatDefaults, LengthUnit, Origin, shown, tecplot};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
 const DEFAULTS: FormatDefaults =
-    FormatDefaults { name: "PIVlab", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
+    FormatDefaults { name: "PIVlab", origin: Origin::Center1, frame_base: 1, unit: LengthUnit::Px };
 
 pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     let head = Text::head(path)?;
     let head = String::from_utf8_lossy(&head);
-    let wrong = |line: usize, what: String| Error::input(format!("{}:{line}: {what}", path.display()));
     let found = head.lines().take(3).enumerate().find(|(_, l)| l.trim_start().starts_with("x ["));
     let Some((index, header)) = found else {
+        if head.starts_with("# PIVlab") {
+            return tecplot::field(path, given);
+        }
         return Err(Error::input(format!(
             "{}: expected a line that begins with x [px] among the first three",
             path.display()
@@ -31,66 +37,73 @@ pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
         .map(|n| n.trim_matches([',', ';', '\t', ' ', '\r']).to_owned())
         .filter(|n| !n.is_empty())
         .collect();
-    let mut converter = Converter::new(DEFAULTS, given)?;
-    let unit = |name: &str| {
-        let column = names.iter().find(|n| n.starts_with(&format!("{name} [")));
-        column.and_then(|n| n.split_once('[')).map_or("", |(_, unit)| unit.trim_end_matches(']'))
-    };
-    let (length, speed) = (unit("x"), unit("u"));
-    let (per_px, per_frame) = match (length, speed) {
-        ("px", "px/frame") => (1.0, 1.0),
-        ("m", "m/s") => {
-            let second = head.lines().nth(index.saturating_sub(1)).unwrap_or_default();
-            let factor = |name: &str| {
-                let text = second.split_once(name)?.1.split(',').next()?.trim();
-                text.parse::<f64>().ok().filter(|f| *f > 0.0 && f.is_finite())
-            };
-            let factors = factor("(px -> m):").zip(factor("(px/frame -> m/s):"));
-            let (per_px, per_frame) = factors.ok_or_else(|| {
-                wrong(
-                    index.max(1),
-                    format!(
-                        "{:?}: lengths are m; expected \"conversion factor xy (px -> m): F, conversion factor uv \
-                         (px/frame -> m/s): F\" with numbers > 0",
-                        shown(second)
-                    ),
-                )
-            })?;
-            converter.notes.push(format!(
-                "calibrated: divided by {per_px:e} m per px and {per_frame:e} m/s per px/frame, as given in the file"
-            ));
-            (per_px, per_frame)
-        }
-        _ => {
-            let what = format!("{:?}: expected x in px and u in px/frame, or m and m/s", shown(header));
-            return Err(wrong(index + 1, what));
-        }
-    };
-    let need = |name: &str, unit: &str| {
-        let whole = format!("{name} [{unit}]");
-        let column = names.iter().position(|n| *n == whole);
-        column.ok_or_else(|| wrong(index + 1, format!("{:?}: expected a column {whole}", shown(header))))
-    };
-    let (x, y, u, v) = (need("x", length)?, need("y", length)?, need("u", speed)?, need("v", speed)?);
-    let kind = names.iter().position(|n| n == "Vector type [-]");
     let sheet = TextTable::open(path, separator, index as u64 + 1)?.at_most(given.limits.rows).named(names);
-    let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
-    let style = sheet.rows(|cells| {
-        let Some(at) = converter.position(cells.number(x)? / per_px, cells.number(y)? / per_px, 0.0)? else {
-            dropped.at(cells.line);
-            return Ok(());
-        };
-        let [dx, dy] = converter.displacement(cells.number(u)? / per_frame, cells.number(v)? / per_frame);
-        let flag = match cells.number_or_nan(kind)? {
+    let place = format!("{}:{}", path.display(), index + 1);
+    let starting = |name: &str| sheet.names().iter().position(|n| n.starts_with(&format!("{name} [")));
+    let need = |name: &str| {
+        starting(name).ok_or_else(|| {
+            Error::input(format!("{place}: {:?}: expected a column {name} with its unit", shown(header)))
+        })
+    };
+    let at = [need("x")?, need("y")?];
+    let moved = [need("u")?, need("v")?];
+    let unit =
+        |column: usize| sheet.names()[column].split_once('[').map_or("", |(_, u)| u.trim_end_matches(']'));
+    let (kind, sigma) = (starting("Vector type"), starting("uncertainty"));
+    let mut layout = layout(&head, [unit(at[0]), unit(moved[0])], &place, given)?;
+    let used = [Some(at[0]), Some(at[1]), Some(moved[0]), Some(moved[1]), kind, sigma];
+    let used = used.map(|column| column.map_or("", |c| sheet.names()[c].as_str()));
+    layout.notes.extend(unused(&sheet.others(&used)));
+    let columns = FieldColumns { at, moved, sigma: [sigma; 2], ..FieldColumns::default() };
+    let mut field = fields::read(sheet, columns, layout, given, |cells| {
+        Ok(match cells.number_or_nan(kind)? {
             0.0 => 1,
             2.0 => 2,
             _ => 0,
-        };
-        field.vectors.push(vector(None, at, [dx, dy, f64::NAN], flag, [f64::NAN; 2])?);
-        Ok(())
+        })
     })?;
-    field.notes = converter.notes;
-    field.notes.extend(style);
-    field.n_nan = dropped.finish(&mut field.notes);
+    let frame = number_after(&head, "FRAME:").filter(|frame| frame.fract() == 0.0 && *frame >= 1.0);
+    let base = given.frame_base.unwrap_or(DEFAULTS.frame_base) as f64;
+    if let Some(frame) = frame.filter(|frame| *frame >= base) {
+        field.vectors.iter_mut().for_each(|v| v.pair = Some((frame - base) as u32));
+        field.notes.push(format!("FRAME: {frame} is the image pair, from {base}"));
+    }
     Ok(field)
+}
+
+/// The layout of an export whose header is in `head`, with the units of positions and displacements.
+pub(super) fn layout(
+    head: &str,
+    [length, speed]: [&str; 2],
+    place: &str,
+    given: &Conventions,
+) -> Result<FieldLayout> {
+    let mut layout = FieldLayout { reversal: Reversal::Size, ..FieldLayout::new(DEFAULTS) };
+    let factors = number_after(head, "(px -> m):").zip(number_after(head, "(px/frame -> m/s):"));
+    let factors = factors.filter(|(xy, uv)| *xy > 0.0 && *uv != 0.0);
+    layout.scale = Some(match factors {
+        Some((xy, uv)) if xy == 1.0 && uv.abs() == 1.0 => ([1.0, uv], "px".to_owned()),
+        Some((xy, uv)) => {
+            layout.notes.push(format!(
+                "calibrated: divided by {xy:e} m per px and {uv:e} m/s per px/frame, as given in the file"
+            ));
+            ([1.0 / xy, 1.0 / uv], "m".to_owned())
+        }
+        None => {
+            let px = |text: &str| {
+                let unit = Unit::parse(text).ok_or_else(|| {
+                    Error::input(format!("{place}: unit {text:?}: expected px and px/frame, or m and m/s"))
+                })?;
+                unit.px(given, place)
+            };
+            ([px(length)?, px(speed)?], length.to_owned())
+        }
+    });
+    Ok(layout)
+}
+
+/// The number after a word.
+fn number_after(text: &str, word: &str) -> Option<f64> {
+    let text = text.split_once(word)?.1.split([',', '\n', '\r']).next()?;
+    text.trim().parse().ok().filter(|number: &f64| number.is_finite())
 }

@@ -14,7 +14,7 @@ use microsig_core::Spheroid;
 pub use super::cells::Cells;
 use super::cells::{Decimals, Place, number};
 use super::conventions::MAX_ROWS;
-use super::text::{Bounded, Text, UnixLines, excel_separator};
+use super::text::{Bounded, HEAD, Text, UnixLines, excel_separator};
 use super::{Converter, DroppedRows, Points, TrackRow, Velocities, VelocityUnit};
 use storage::InputFile;
 use storage::error::{Error, Result};
@@ -37,7 +37,52 @@ type Lines = BufReader<UnixLines<Bounded<Text>>>;
 enum Source {
     /// With the delimiter.
     Lines(Lines, u64, u8),
+    /// Rows between lines that begin with words: entries of Tecplot's header, or comments.
+    Zones(Lines, u64, Zones),
     Columns(Columns),
+}
+
+/// Zones of Tecplot's text.
+#[derive(Debug, Default)]
+struct Zones {
+    /// The current zone, counted from 0 or as the file numbers it, and whether it does.
+    current: (u32, bool),
+    read: u32,
+    /// The number in the title, for a zone without one.
+    title: Option<u32>,
+}
+
+impl Zones {
+    /// Reads a line that is not a row.
+    fn header(&mut self, line: &str) -> std::result::Result<(), String> {
+        // Without quoted text, which may contain keywords.
+        let bare: String = line.split('"').step_by(2).collect::<Vec<_>>().join("\"").to_ascii_uppercase();
+        if bare.contains("BLOCK") {
+            return Err(format!("{:?}: expected DATAPACKING=POINT", super::shown(line)));
+        }
+        if bare.contains("ZONE") {
+            let title =
+                line.split_once("T=").or_else(|| line.split_once("T =")).map(|(_, title)| title.trim_start());
+            let title = title.map(|title| match title.strip_prefix('"') {
+                Some(title) => title.split('"').next().unwrap_or_default(),
+                None => title.split([',', ' ']).next().unwrap_or_default(),
+            });
+            let numbered = title.and_then(number_in);
+            let next = if self.read == 0 { self.title.unwrap_or(0) } else { self.current.0 + 1 };
+            self.current = (numbered.unwrap_or(next), numbered.is_some());
+            self.read += 1;
+        } else if bare.starts_with("TITLE") && self.read == 0 {
+            self.title = number_in(line);
+            self.current.0 = self.title.unwrap_or(0);
+        }
+        Ok(())
+    }
+}
+
+/// The first whole number in a text.
+fn number_in(text: &str) -> Option<u32> {
+    let digits = text.split(|c: char| !c.is_ascii_digit()).find(|digits| !digits.is_empty())?;
+    digits.parse().ok()
 }
 
 /// A table in a text file, or columns in memory whose header counts as line 1.
@@ -46,6 +91,8 @@ pub struct TextTable {
     header: Vec<String>,
     source: Source,
     waiting: Option<(u64, ByteRecord)>,
+    /// Lines above the first row of Tecplot's text.
+    above: String,
     rows: usize,
     most_rows: usize,
     problems: Vec<String>,
@@ -99,6 +146,20 @@ impl TextTable {
         Ok(TextTable { decimals, style, ..TextTable::new(name, header, source) })
     }
 
+    /// Opens Tecplot's text; returns its header, too. The columns have no names yet.
+    pub(super) fn tecplot(path: &InputFile) -> Result<(Self, String)> {
+        let lines = BufReader::new(UnixLines::new(Bounded::new(Text::open(path)?, b'\n')));
+        let source = Source::Zones(lines, 0, Zones::default());
+        let mut table = TextTable::new(path.display().to_string(), Vec::new(), source);
+        table.decimals = Some(Decimals::default());
+        let mut record = ByteRecord::new();
+        if let Some(line) = table.record(&mut record)? {
+            table.waiting = Some((line, record));
+        }
+        let header = std::mem::take(&mut table.above);
+        Ok((table, header))
+    }
+
     /// The table of these columns, with a name for messages.
     pub(super) fn of_columns(name: &str, columns: Columns) -> Self {
         let header = columns.0.iter().map(|(name, _)| name.clone()).collect();
@@ -111,6 +172,7 @@ impl TextTable {
             header,
             source,
             waiting: None,
+            above: String::new(),
             rows: 0,
             most_rows: MAX_ROWS,
             problems: Vec::new(),
@@ -158,7 +220,50 @@ impl TextTable {
                     }
                 }
             }
+            Source::Zones(reader, line, zones) => {
+                let mut text = Vec::new();
+                loop {
+                    text.clear();
+                    if reader.read_until(b'\n', &mut text).map_err(failed)? == 0 {
+                        return Ok(None);
+                    }
+                    *line += 1;
+                    let text = String::from_utf8_lossy(&text);
+                    let text = text.trim();
+                    let is_row = text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
+                        || text.get(..3).is_some_and(|start| start.eq_ignore_ascii_case("nan"));
+                    if !is_row {
+                        zones
+                            .header(text)
+                            .map_err(|what| Error::input(format!("{}:{line}: {what}", self.name)))?;
+                        if self.rows == 0 && self.above.len() < HEAD {
+                            self.above.push_str(text);
+                            self.above.push('\n');
+                        }
+                        continue;
+                    }
+                    // With blanks between numbers, commas may be decimal.
+                    let is_decimal = text.contains(',')
+                        && text.contains([' ', '\t'])
+                        && !text.contains(", ")
+                        && !text.contains('.');
+                    let fields = text.split(|c: char| c.is_ascii_whitespace() || c == ',' && !is_decimal);
+                    record.clear();
+                    fields.filter(|f| !f.is_empty()).for_each(|f| record.push_field(f.as_bytes()));
+                    return Ok(Some(*line));
+                }
+            }
         }
+    }
+
+    /// Name for messages.
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Names of the columns.
+    pub(super) fn names(&self) -> &[String] {
+        &self.header
     }
 
     /// Replaces the names of the columns.
@@ -220,8 +325,14 @@ impl TextTable {
                 return Err(Error::input(format!("{}: more than {} rows", self.name, self.most_rows)));
             }
             let wrong = if record.len() == self.header.len() {
-                let place = Place::Record(&record);
-                each(&Cells::new(place, &self.header, line, self.decimals.as_ref())).err()
+                let zone = match &self.source {
+                    Source::Zones(_, _, zones) => Some(zones.current),
+                    _ => None,
+                };
+                let mut cells =
+                    Cells::new(Place::Record(&record), &self.header, line, self.decimals.as_ref());
+                cells.zone = zone;
+                each(&cells).err()
             } else {
                 let is_split = record.len() > self.header.len() && self.decimals.is_none();
                 let hint = if is_split {

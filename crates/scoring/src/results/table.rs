@@ -102,6 +102,50 @@ pub struct FlowVector {
     pub sigma: [f64; 2],
 }
 
+/// How positions with y upward are reversed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Reversal {
+    /// Within the image: the centers of the first and last pixel are exchanged.
+    #[default]
+    Image,
+    /// As the size of the image minus the position.
+    Size,
+    /// Within the grid of vectors.
+    Grid,
+}
+
+/// How the positions of a field were placed in the image.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Placement {
+    /// Added to positions in the file, px.
+    pub shift_px: [f64; 2],
+    /// How `y` upward is reversed.
+    pub reversal: Reversal,
+    /// Whether it was.
+    pub is_y_up: bool,
+    /// Whether the file states its units.
+    pub is_stated: bool,
+}
+
+impl Placement {
+    /// The sum of a position and its reversed one along an axis on which the image has this size.
+    pub(crate) fn reversed_px(&self, axis: usize, size_px: f64) -> f64 {
+        match self.reversal {
+            Reversal::Image | Reversal::Grid => size_px + 1.0,
+            Reversal::Size => size_px + 2.0 * self.shift_px[axis],
+        }
+    }
+
+    /// The sum of y and reversed y; `None` for an image of unknown height or without vectors.
+    pub(crate) fn sum_px(&self, vectors: &[FlowVector], height_px: Option<f64>) -> Option<f64> {
+        if self.reversal != Reversal::Grid {
+            return height_px.map(|height| self.reversed_px(1, height));
+        }
+        let y = || vectors.iter().map(|v| v.at.y_px);
+        Some(y().fold(f64::INFINITY, f64::min) + y().fold(f64::NEG_INFINITY, f64::max))
+    }
+}
+
 /// A displacement field.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Field {
@@ -113,6 +157,10 @@ pub struct Field {
     pub n_nan: usize,
     /// How the reader interpreted the file.
     pub notes: Vec<String>,
+    /// How positions were placed in the image.
+    pub placement: Placement,
+    /// Doubts about how it was read.
+    pub warnings: Vec<String>,
 }
 
 /// Contents of a result.

@@ -1,20 +1,17 @@
 //! Tecplot's text files: particles as in the LPT and DA challenges (`VARIABLES = "X [mm]" "Y [mm]" "Z [mm]"
-//! "PartID"`, a zone for each snapshot), and fields as
-//! DaVis exports them (`"x", "y", "Vx", "Vy" [, "isValid"]`, a zone for each pair). And DaVis's own text:
-//! `#DaVis 8.4.0 2D-vector 16 90 120 "position" "pixel" "position" "pixel" "displacement" "pixel"`, then x,
-//! y, Vx, Vy.
+//! "PartID"`, a zone for each snapshot), and fields as DaVis (`"x", "y", "Vx", "Vy" [, "isValid"]`, a zone for
+//! each pair), TSI Insight (`.vec`: `"X mm", "Y mm", "U m/s", "V m/s", "CHC"`, with the scale in
+//! `DATASETAUXDATA`) and PIVlab (`pivlab.rs`) write them. And DaVis's own text: `#DaVis 8.4.0 2D-vector 16 90
+//! 120 "position" "pixel" "position" "pixel" "displacement" "pixel"`, then x, y, Vx, Vy.
 //!
 //! Particles are in mm from the middle of the image in focus, y downward and z away from the lens, unless the
-//! names of columns state px and um. Fields are in px from the first pixel's center; DaVis writes (0, 0) where
-//! it has no vector. Fields in mm are refused, because their origin and time step are not in the file.
+//! names of columns state px and um. Fields are in px from the first pixel's center, or in the stated unit;
+//! DaVis writes (0, 0) where it has no vector.
 
-use std::io::{BufRead, BufReader};
-
-use super::canonical::vector;
-use super::text::{Bounded, Text, UnixLines};
-use super::{
-    Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin, Points, TrackRow, sheet,
-};
+use super::conventions::unused;
+use super::fields::{self, FieldColumns, FieldLayout, Unit};
+use super::sheet::{OptionalColumns, TextTable};
+use super::{Conventions, Converter, Field, FormatDefaults, LengthUnit, Origin, Points, pivlab, shown};
 use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
@@ -22,131 +19,68 @@ use storage::error::{Error, Result};
 
 const PARTICLES: FormatDefaults =
     FormatDefaults { name: "Tecplot (LPT/DA)", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
-const FIELD: FormatDefaults =
+const DAVIS: FormatDefaults =
     FormatDefaults { name: "DaVis", origin: Origin::Center0, frame_base: 0, unit: LengthUnit::Px };
+const INSIGHT: FormatDefaults = FormatDefaults { name: "TSI Insight", ..DAVIS };
 
-/// Rows of a file: their lines, zones (counted from 0, and as the file numbers them) and numbers.
+/// A table, its header, and the units of its columns, whose names are in lower case.
 struct Table {
-    name: String,
-    /// Names of the columns without units, in lower case, and their units.
-    columns: Vec<(String, String)>,
-    rows: Vec<(u64, u32, Vec<f64>)>,
-    has_numbered_zones: bool,
+    sheet: TextTable,
+    header: String,
+    units: Vec<String>,
 }
 
 impl Table {
-    fn read(path: &InputFile, most_rows: usize) -> Result<Self> {
-        let name = path.display().to_string();
-        let lines = BufReader::new(UnixLines::new(Bounded::new(Text::open(path)?, b'\n')));
-        let mut table = Table { name, columns: Vec::new(), rows: Vec::new(), has_numbered_zones: false };
-        let (mut zone, mut zones, mut in_variables, mut problems) = (0, 0u32, false, Vec::new());
-        for (line, text) in (1..).zip(lines.lines()) {
-            let text = text.map_err(|e| Error::input(format!("{}: {e}", table.name)))?;
-            let text = text.trim();
-            let upper = text.to_ascii_uppercase();
-            if let Some(header) = text.strip_prefix("#DaVis") {
-                table.columns = davis_columns(header).ok_or_else(|| {
-                    Error::input(format!("{}:{line}: {text:?}: expected 2D-vector with units", table.name))
-                })?;
-            } else if upper.starts_with("TITLE") || text.is_empty() || text.starts_with('#') {
-                in_variables = false;
-                if table.rows.is_empty() {
-                    zone = number_in(text).unwrap_or(zone);
-                }
-            } else if upper.starts_with("VARIABLES") || (in_variables && text.starts_with('"')) {
-                in_variables = true;
-                let names = text.split_once('=').map_or(text, |(_, names)| names);
-                table.columns.extend(quoted(names));
-            } else if upper.starts_with("ZONE") {
-                in_variables = false;
-                let numbered = title(text).and_then(|title| number_in(&title));
-                table.has_numbered_zones |= numbered.is_some();
-                zone = numbered.unwrap_or(if zones == 0 { zone } else { zone + 1 });
-                zones += 1;
-            } else if text.starts_with(|c: char| c.is_ascii_alphabetic()) && !upper.starts_with("NAN") {
-                // Other entries of a header: I=..., DATAPACKING=POINT, SOLUTIONTIME=...
-                if upper.contains("BLOCK") {
-                    problems.push(format!("{}:{line}: {text:?}: expected DATAPACKING=POINT", table.name));
-                }
-            } else {
-                match numbers(text) {
-                    Some(row) if row.len() == table.columns.len() => table.rows.push((line, zone, row)),
-                    Some(row) => problems.push(format!(
-                        "{}:{line}: {} numbers: expected {}, one per variable",
-                        table.name,
-                        row.len(),
-                        table.columns.len()
-                    )),
-                    None => problems.push(format!(
-                        "{}:{line}: {:?}: expected numbers",
-                        table.name,
-                        super::shown(text)
-                    )),
-                }
-            }
-            if table.rows.len() > most_rows {
-                return Err(Error::input(format!("{}: more than {most_rows} rows", table.name)));
-            }
-            if problems.len() > 100 {
-                break;
-            }
-        }
-        sheet::shorten(&mut problems);
-        if problems.is_empty() { Ok(table) } else { Err(Error::Input(problems)) }
+    fn open(path: &InputFile, given: &Conventions) -> Result<Self> {
+        let (sheet, header) = TextTable::tecplot(path)?;
+        let columns = if header.starts_with("#DaVis") {
+            davis_columns(header.lines().next().unwrap_or_default()).ok_or_else(|| {
+                let line = header.lines().next().unwrap_or_default();
+                Error::input(format!("{}:1: {line:?}: expected 2D-vector with units", sheet.name()))
+            })?
+        } else {
+            variables(&header)
+        };
+        let (names, units) = columns.into_iter().unzip();
+        Ok(Table { sheet: sheet.at_most(given.limits.rows).named(names), header, units })
     }
 
-    /// The first column with one of these names (lower case), and its unit.
-    fn column(&self, names: &[&str]) -> Option<(usize, &str)> {
-        let found = names.iter().find_map(|name| self.columns.iter().position(|(own, _)| own == name))?;
-        Some((found, &self.columns[found].1))
+    /// The first column with one of these names.
+    fn column(&self, names: &[&str]) -> Option<usize> {
+        names.iter().find_map(|name| self.sheet.column(name))
     }
 
-    fn need(&self, names: &[&str]) -> Result<(usize, &str)> {
+    fn need(&self, names: &[&str]) -> Result<usize> {
         self.column(names).ok_or_else(|| {
-            let there: Vec<&str> = self.columns.iter().map(|(name, _)| name.as_str()).collect();
-            Error::input(format!(
-                "{}: variable {} is missing; found {}",
-                self.name,
-                names[0],
-                super::shown(&there.join(", "))
-            ))
+            let there = shown(&self.sheet.names().join(", "));
+            Error::input(format!("{}: variable {} is missing; found {there}", self.sheet.name(), names[0]))
         })
     }
 }
 
-/// Numbers between blanks or commas; with blanks between them, commas may be decimal.
-fn numbers(text: &str) -> Option<Vec<f64>> {
-    let is_decimal =
-        text.contains(',') && text.contains([' ', '\t']) && !text.contains(", ") && !text.contains('.');
-    let text = if is_decimal { text.replace(',', ".") } else { text.to_owned() };
-    let parts = text.split([' ', '\t', ',']).filter(|part| !part.is_empty());
-    parts.map(|part| part.parse().ok()).collect()
-}
-
-/// The first whole number in a text.
-fn number_in(text: &str) -> Option<u32> {
-    let digits = text.split(|c: char| !c.is_ascii_digit()).find(|digits| !digits.is_empty())?;
-    digits.parse().ok()
-}
-
-/// The title of a zone.
-fn title(zone: &str) -> Option<String> {
-    let (_, after) = zone.split_once("T=").or_else(|| zone.split_once("T ="))?;
-    let after = after.trim_start();
-    match after.strip_prefix('"') {
-        Some(text) => text.split('"').next().map(str::to_owned),
-        None => after.split([',', ' ']).next().map(str::to_owned),
-    }
-}
-
-/// Quoted names with units in brackets, such as `"X [mm]"`.
-fn quoted(text: &str) -> Vec<(String, String)> {
-    let names = text.split('"').skip(1).step_by(2);
-    let one = |name: &str| {
-        let (name, unit) = name.split_once(['[', '(']).unwrap_or((name, ""));
-        (name.trim().to_ascii_lowercase(), unit.trim_matches([']', ')', ' ']).to_ascii_lowercase())
+/// The names of VARIABLES in lower case and their units, such as `"X [mm]"` or `"X mm"`.
+fn variables(header: &str) -> Vec<(String, String)> {
+    let upper = header.to_ascii_uppercase();
+    let Some(after) = upper.find("VARIABLES").and_then(|at| header[at..].split_once('=')) else {
+        return Vec::new();
     };
-    names.map(one).collect()
+    // The list ends with the next entry, a word that is not quoted.
+    let mut parts = after.1.split('"');
+    let mut names = Vec::new();
+    while let (Some(between), Some(name)) = (parts.next(), parts.next()) {
+        if between.contains(|c: char| c.is_ascii_alphabetic()) {
+            break;
+        }
+        let name = name.to_lowercase();
+        let (name, unit) = match name.split_once(['[', '(']) {
+            Some((name, unit)) => (name, unit.trim_matches([']', ')', ' '])),
+            None => {
+                name.rsplit_once(' ').filter(|(_, unit)| Unit::parse(unit).is_some()).unwrap_or((&name, ""))
+            }
+        };
+        names.push((name.trim().to_owned(), unit.to_owned()));
+    }
+    names
 }
 
 /// The columns of DaVis's own text, whose header states quantity and unit of x, y and vectors.
@@ -155,46 +89,34 @@ fn davis_columns(header: &str) -> Option<Vec<(String, String)>> {
     let [_, x, _, y, _, moved] = quoted[..] else { return None };
     header.contains("2D-vector").then(|| {
         [("x", x), ("y", y), ("vx", moved), ("vy", moved)]
-            .map(|(name, unit)| (name.to_owned(), unit.to_ascii_lowercase()))
+            .map(|(name, unit)| (name.to_owned(), unit.to_lowercase()))
             .to_vec()
     })
 }
 
-const PIXELS: [&str; 5] = ["px", "pix", "pixel", "pixels", "voxel"];
-
 /// Reads particles.
 pub(super) fn points(path: &InputFile, given: &Conventions) -> Result<Points> {
-    let table = Table::read(path, given.limits.rows)?;
-    let ((x, unit), (y, _)) = (table.need(&["x"])?, table.need(&["y"])?);
-    let (z, track) = (table.column(&["z"]), table.column(&["partid", "trackid", "track id", "id"]));
+    let table = Table::open(path, given)?;
+    let (x, y, z) = (table.need(&["x"])?, table.need(&["y"])?, table.column(&["z"]));
+    let track = table.column(&["partid", "trackid", "track id", "id"]);
     let mut converter = Converter::new(PARTICLES, given)?;
+    let (name, unit) = (table.sheet.name(), table.units[x].as_str());
     // Factor to um, and where the middle of the image is in px.
-    let in_um = match unit {
-        "mm" | "" => Some(1e3),
-        "um" | "\u{b5}m" | "micron" => Some(1.0),
-        "m" => Some(1e6),
-        unit if PIXELS.contains(&unit) => None,
-        unit => {
-            return Err(Error::input(format!("{}: X in {unit:?}: expected mm, um or px", table.name)));
-        }
-    };
-    let place = match (in_um, given.um_per_px, given.width_px.zip(given.height_px)) {
+    let in_um = Unit::parse(if unit.is_empty() { "mm" } else { unit }).and_then(Unit::length_um);
+    let in_um = in_um.ok_or_else(|| Error::input(format!("{name}: X in {unit:?}: expected mm, um or px")))?;
+    let (scale, [middle_x, middle_y]) = match (in_um, given.um_per_px, given.width_px.zip(given.height_px)) {
         (None, ..) => (1.0, [0.0; 2]),
         (Some(factor), Some(um), Some((width, height))) => {
             (factor / um, [0.5 * (width + 1.0), 0.5 * (height + 1.0)])
         }
         (Some(_), None, _) => {
-            let what = format!(
-                "{}: positions are in {}; give ",
-                table.name,
-                if unit.is_empty() { "mm" } else { unit }
-            );
+            let what =
+                format!("{name}: positions are in {}; give ", if unit.is_empty() { "mm" } else { unit });
             return Err(Error::option(advice!(what, option("um_per_px"))));
         }
         (Some(_), Some(_), None) => {
             return Err(Error::input(format!(
-                "{}: positions are from the middle of the image: expected a dataset, which has its size",
-                table.name
+                "{name}: positions are from the middle of the image: expected a dataset, which has its size"
             )));
         }
     };
@@ -204,83 +126,79 @@ pub(super) fn points(path: &InputFile, given: &Conventions) -> Result<Points> {
             if unit.is_empty() { "mm (no unit given)" } else { unit }
         ));
     }
-    let (scale, [middle_x, middle_y]) = place;
-    let z_um = z.map(|(_, unit)| if unit == "um" || in_um.is_none() { 1.0 } else { in_um.unwrap_or(1.0) });
-    let (mut points, mut dropped) =
-        (Points { has_z: z.is_some(), ..Points::default() }, DroppedRows::default());
-    let mut problems = Vec::new();
-    for (line, zone, row) in &table.rows {
-        let depth = z.zip(z_um).map_or(0.0, |((z, _), factor)| factor * row[z]);
-        let read = converter.frame(f64::from(*zone)).and_then(|frame| {
-            let track = track.map_or(-1.0, |(track, _)| row[track]);
-            if track.fract() != 0.0 || track.abs() > 9e15 {
-                return Err(format!("PartID = {track}: expected a whole number"));
-            }
-            let at = converter.position(middle_x + scale * row[x], middle_y + scale * row[y], depth)?;
-            Ok(at.map(|at| TrackRow { frame, track: (track as i64).max(-1), at }))
-        });
-        match read {
-            Ok(Some(row)) => {
-                points.rows.push(row);
-                points.lines.push(u32::try_from(*line).unwrap_or(u32::MAX));
-            }
-            Ok(None) => dropped.at(*line),
-            Err(what) => problems.push(format!("{}:{line}: {what}", table.name)),
-        }
-    }
-    sheet::shorten(&mut problems);
-    if !problems.is_empty() {
-        return Err(Error::Input(problems));
-    }
-    points.notes = converter.notes;
-    points.n_nan = dropped.finish(&mut points.notes);
-    Ok(points)
+    let is_um = z.is_some_and(|z| table.units[z] == "um");
+    let z_um = if is_um { 1.0 } else { in_um.unwrap_or(1.0) };
+    let Table { sheet, .. } = table;
+    sheet.points(converter, z.is_some(), OptionalColumns::default(), |cells| {
+        let depth = z.map_or(Ok(0.0), |z| cells.number(z))? * z_um;
+        let at = [middle_x + scale * cells.number(x)?, middle_y + scale * cells.number(y)?, depth];
+        Ok((cells.zone.map_or(0.0, |(zone, _)| f64::from(zone)), cells.track(track)?, at))
+    })
 }
 
 /// Reads a field.
 pub(super) fn field(path: &InputFile, given: &Conventions) -> Result<Field> {
-    let table = Table::read(path, given.limits.rows)?;
-    let ((x, unit), (y, _)) = (table.need(&["x"])?, table.need(&["y"])?);
-    let (u, moved) = table.need(&["vx", "u", "velocity u", "displacement x"])?;
-    let (v, _) = table.need(&["vy", "v", "velocity v", "displacement y"])?;
-    let valid = table.column(&["isvalid", "valid"]);
-    for unit in [unit, moved] {
-        if !unit.is_empty() && !PIXELS.contains(&unit) {
-            return Err(Error::input(format!(
-                "{}: in {unit}: expected positions and displacements in pixels; export without calibration",
-                table.name
-            )));
+    let table = Table::open(path, given)?;
+    let at = [table.need(&["x"])?, table.need(&["y"])?];
+    let moved = [
+        table.need(&["vx", "u", "velocity u", "displacement x"])?,
+        table.need(&["vy", "v", "velocity v", "displacement y"])?,
+    ];
+    let (valid, choice) = (table.column(&["isvalid", "valid"]), table.column(&["chc"]));
+    let (nan, sigma) = (table.column(&["isnan"]), table.column(&["uncertainty_map"]));
+    let (name, header) = (table.sheet.name().to_owned(), &table.header);
+    let (length, speed) = (table.units[at[0]].as_str(), table.units[moved[0]].as_str());
+    let (is_pivlab, is_insight) = (header.contains("PIVlab"), choice.is_some());
+    let mut layout = if is_pivlab {
+        // Units are in a comment.
+        let in_m = if header.contains("x [m]") { ["m", "m/s"] } else { ["px", "px/frame"] };
+        pivlab::layout(header, in_m, &name, given)?
+    } else {
+        let mut layout = FieldLayout::new(if is_insight { INSIGHT } else { DAVIS });
+        // Insight states the scale, the time between frames, and where the origin is in the image.
+        let stated = |key: &str| {
+            let value = header.split_once(key)?.1.split('"').nth(1)?.trim().parse::<f64>().ok()?;
+            value.is_finite().then_some(value)
+        };
+        let scale = Conventions {
+            um_per_px: stated("MicrometersPerPixelX").filter(|um| *um > 0.0).or(given.um_per_px),
+            dt_s: stated("MicrosecondsPerDeltaT").filter(|dt| *dt > 0.0).map(|dt| 1e-6 * dt).or(given.dt_s),
+            ..*given
+        };
+        layout.origin_px = ["OriginInImageX", "OriginInImageY"].map(|key| stated(key).unwrap_or(0.0));
+        if !(length.is_empty() && speed.is_empty()) {
+            let px = |text: &str| {
+                let unit = Unit::parse(if text.is_empty() { "px" } else { text });
+                let unit = unit.ok_or_else(|| {
+                    Error::input(format!("{name}: in {text:?}: expected a unit such as pixel, mm or m/s"))
+                })?;
+                unit.px(&scale, &name)
+            };
+            let words =
+                if speed == length { length.to_owned() } else { format!("{length}, u, v in {speed}") };
+            let words = if Unit::parse(length) == Unit::parse("px") && Unit::parse(speed) == Unit::parse("px")
+            {
+                "px".to_owned()
+            } else {
+                words
+            };
+            layout.scale = Some(([px(length)?, px(speed)?], words));
         }
+        layout
+    };
+    if !is_pivlab && !is_insight {
+        layout.notes.push("vectors of exactly (0, 0) are taken as missing".to_owned());
     }
-    let mut converter = Converter::new(FIELD, given)?;
-    converter.notes.push("vectors of exactly (0, 0) are taken as missing".to_owned());
-    let (mut field, mut dropped, mut problems) = (Field::default(), DroppedRows::default(), Vec::new());
-    for (line, zone, row) in &table.rows {
-        let missing = row[u] == 0.0 && row[v] == 0.0;
-        let flag = u8::from(missing || valid.is_some_and(|(valid, _)| row[valid] <= 0.0));
-        let [dx, dy] = converter.displacement(row[u], row[v]);
-        let pair =
-            if table.has_numbered_zones { converter.frame(f64::from(*zone)).map(Some) } else { Ok(None) };
-        let read = pair.and_then(|pair| {
-            let at = converter.position(row[x], row[y], 0.0)?;
-            at.map(|at| vector(pair, at, [dx, dy, f64::NAN], flag, [f64::NAN; 2])).transpose()
-        });
-        match read {
-            Ok(Some(vector)) => {
-                field.vectors.push(vector);
-                field.lines.push(u32::try_from(*line).unwrap_or(u32::MAX));
-            }
-            Ok(None) => dropped.at(*line),
-            Err(what) => problems.push(format!("{}:{line}: {what}", table.name)),
-        }
-    }
-    sheet::shorten(&mut problems);
-    if !problems.is_empty() {
-        return Err(Error::Input(problems));
-    }
-    field.notes = converter.notes;
-    field.n_nan = dropped.finish(&mut field.notes);
-    Ok(field)
+    let used = [Some(at[0]), Some(at[1]), Some(moved[0]), Some(moved[1]), valid, choice, nan, sigma];
+    let used = used.map(|column| column.map_or("", |c| table.sheet.names()[c].as_str()));
+    layout.notes.extend(unused(&table.sheet.others(&used)));
+    let columns = FieldColumns { at, moved, sigma: [sigma; 2], ..FieldColumns::default() };
+    fields::read(table.sheet, columns, layout, given, |cells| {
+        let is_missing =
+            !is_pivlab && !is_insight && cells.number(moved[0])? == 0.0 && cells.number(moved[1])? == 0.0;
+        let is_rejected = cells.number_or_nan(valid)? <= 0.0 || cells.number_or_nan(choice)? <= 0.0;
+        Ok(u8::from(is_missing || is_rejected || cells.number_or_nan(nan)? == 1.0))
+    })
 }
 
 #[cfg(test)]

@@ -1,47 +1,39 @@
-//! Detects probable mistakes of convention in a field: sign of v, origin of the positions.
+//! Detects probable mistakes of convention in a field: units, direction of the axes, origin of the positions.
 
 use super::compared::{ComparedVector, INLIER_PX};
 use super::true_field::{TrueField, TrueFields};
 use crate::evaluate::hint::Hint;
 use crate::evaluate::statistics::quantile;
-use crate::results::{FlowVector, Position};
+use crate::results::{Field, FlowVector, LENGTHS, Origin, Position, Reversal};
+use dataset::RecordingFacts;
+use storage::advice::{Named, option};
 
 /// Smallest number of vectors for which hints are given.
 const FEWEST: usize = 10;
 
 /// Probable mistakes, each with the RMS error it would have without the mistake.
-pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], truth: &TrueFields) -> Vec<Hint> {
+pub(super) fn hints(
+    field: &Field,
+    compared: &[ComparedVector],
+    truth: &TrueFields,
+    facts: &RecordingFacts,
+) -> Vec<Hint> {
+    let vectors = &field.vectors;
     if vectors.is_empty() {
         let what = "the result is empty: no vector is scored; was it written to another file?";
         return vec![Hint::new(what, "")];
     }
+    let Some((_, grid)) = truth.fields.first() else { return Vec::new() };
+    let mut hints: Vec<Hint> = other_reading(field, grid, facts).into_iter().collect();
     if compared.len() < FEWEST {
-        return Vec::new();
-    }
-    let rms = |all: &[ComparedVector]| {
-        (all.iter().map(|c| c.endpoint().powi(2)).sum::<f64>() / all.len() as f64).sqrt()
-    };
-    let now = rms(compared);
-    let flipped: Vec<ComparedVector> = compared
-        .iter()
-        .map(|c| {
-            let [u, v, w] = c.measured.moved;
-            ComparedVector { measured: FlowVector { moved: [u, -v, w], ..c.measured }, ..*c }
-        })
-        .collect();
-    let mut hints = Vec::new();
-    if rms(&flipped) < 0.5 * now {
-        let detail = format!(
-            "y may grow upward in the result; with y upward the RMS end-point error would be {:.3} instead of {now:.3} px",
-            rms(&flipped)
-        );
-        let hint = Hint::new("v has the wrong sign?", &detail);
-        hints.push(Hint { rms_px: Some(rms(&flipped)), rms_px_now: Some(now), ..hint });
+        return hints;
     }
     hints.extend(no_better_than_zeros(compared).filter(|_| hints.is_empty()));
     // Splines between the nodes suffice for gradients.
-    let shift = truth.fields.first().and_then(|(_, grid)| offset(compared, grid));
-    let Some((shift, sure)) = shift else { return hints };
+    let Some((shift, sure)) = offset(compared, grid) else { return hints };
+    let rms = |all: &[ComparedVector]| {
+        (all.iter().map(|c| c.endpoint().powi(2)).sum::<f64>() / all.len() as f64).sqrt()
+    };
     let moved = |by: f64| -> Vec<ComparedVector> {
         let valid: Vec<FlowVector> = (vectors.iter().filter(|v| v.flag == 0))
             .map(|v| FlowVector { at: Position { x_px: v.at.x_px + by, y_px: v.at.y_px + by, ..v.at }, ..*v })
@@ -63,21 +55,206 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], truth: 
             compared.iter().copied().filter(|c| c.endpoint() < INLIER_PX).collect();
         let (before, after) = (rms(&inliers), rms(&moved(by)));
         if after < before {
-            let option = match by {
-                0.5 => "; origin corner0 is right for a single pass of OpenPIV",
-                1.0 => "; origin center0",
-                _ => "",
-            };
+            let origins = [(0.0, Origin::Center1), (0.5, Origin::Corner0), (1.0, Origin::Center0)];
+            let shift_px = field.placement.shift_px[0] + by;
+            let name = origins
+                .iter()
+                .find(|(shift, _)| (shift - shift_px).abs() < 1e-9)
+                .map(|(_, origin)| origin.names()[0]);
             let detail = format!(
-                "The flow gradients indicate ({:+.2}, {:+.2}) px{option}: the RMS end-point error of inliers would be {after:.4} \
+                "The flow gradients indicate ({:+.2}, {:+.2}) px; the RMS end-point error of inliers would be {after:.4} \
                  instead of {before:.4} px",
                 shift[0], shift[1]
             );
             let hint = Hint::new(format!("positions off by {by:+} px?"), &detail);
+            let hint = name.map_or(hint.clone(), |name| hint.with_options(&[option("origin").is(name)]));
             hints.push(Hint { rms_px: Some(after), rms_px_now: Some(before), ..hint });
         }
     }
     hints
+}
+
+/// Another reading of the values of a field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Reading {
+    /// Index of the unit of positions in [`LENGTHS`]; `None` for px.
+    at: Option<usize>,
+    /// The same for displacements.
+    moved: Option<usize>,
+    /// Whether displacements are per s.
+    is_per_s: bool,
+    axes: Axes,
+}
+
+/// What is reversed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Axes {
+    Kept,
+    /// y of positions and displacements.
+    Y,
+    /// v alone.
+    V,
+    /// x of positions and displacements.
+    X,
+    /// x and y.
+    Both,
+}
+
+impl Reading {
+    /// All readings, those with fewer changes first.
+    fn all() -> Vec<Self> {
+        let lengths = || [None].into_iter().chain((0..LENGTHS.len()).map(Some));
+        let mut all = Vec::new();
+        for axes in [Axes::Kept, Axes::Y, Axes::V, Axes::X, Axes::Both] {
+            for (at, moved) in lengths().flat_map(|at| lengths().map(move |moved| (at, moved))) {
+                all.extend([false, true].map(|is_per_s| Reading { at, moved, is_per_s, axes }));
+            }
+        }
+        all.sort_by_key(Reading::changes);
+        all
+    }
+
+    fn changes(&self) -> usize {
+        let units = usize::from(self.at.is_some()) + usize::from(self.moved != self.at);
+        units + usize::from(self.is_per_s) + usize::from(self.axes != Axes::Kept)
+    }
+
+    /// px per unit of positions and displacements; `None` if the facts of the dataset do not tell.
+    fn factors(&self, facts: &RecordingFacts) -> Option<[f64; 2]> {
+        let px = |unit: Option<usize>| unit.map_or(Some(1.0), |k| Some(LENGTHS[k].1 / facts.um_per_px?));
+        let time = if self.is_per_s { facts.dt_s? } else { 1.0 };
+        Some([px(self.at)?, px(self.moved)? * time])
+    }
+
+    /// RMS end-point error of the valid ones of `vectors`, and the share of them that has a truth; `None` if
+    /// a size of the image is needed and unknown.
+    fn rms_px(
+        &self,
+        vectors: &[&FlowVector],
+        (field, sum_px): (&Field, Option<f64>),
+        grid: &TrueField,
+        facts: &RecordingFacts,
+    ) -> Option<(f64, f64)> {
+        let [length, moved] = self.factors(facts)?;
+        let shift = field.placement.shift_px;
+        let scaled = |axis: usize, at: f64| (at - shift[axis]) * length + shift[axis];
+        let sum_y = match self.axes {
+            Axes::Y | Axes::Both if self.at.is_some() => {
+                // The sum of positions in the file, or that of the image, which has no other scale.
+                let is_grid = field.placement.reversal == Reversal::Grid;
+                sum_px.map(|sum| if is_grid { (sum - 2.0 * shift[1]) * length + 2.0 * shift[1] } else { sum })
+            }
+            _ => sum_px,
+        };
+        let sum_x = facts.sensor_px.map(|(width, _)| field.placement.reversed_px(0, width));
+        let (is_x, is_y) =
+            (matches!(self.axes, Axes::X | Axes::Both), matches!(self.axes, Axes::Y | Axes::Both));
+        let reverse = |at: f64, is_reversed: bool, sum: Option<f64>| {
+            if is_reversed { sum.map(|sum| sum - at) } else { Some(at) }
+        };
+        let (mut n, mut squares) = (0.0, 0.0);
+        for v in vectors {
+            let at = Position {
+                x_px: reverse(scaled(0, v.at.x_px), is_x, sum_x)?,
+                y_px: reverse(scaled(1, v.at.y_px), is_y, sum_y)?,
+                ..v.at
+            };
+            let sign = |is_reversed: bool| if is_reversed { -moved } else { moved };
+            let [u, w] = [v.moved[0] * sign(is_x), v.moved[1] * sign(is_y || self.axes == Axes::V)];
+            if let Some([x, y, _]) = grid.at(&FlowVector { at, ..**v }) {
+                (n, squares) = (n + 1.0, squares + (u - x).powi(2) + (w - y).powi(2));
+            }
+        }
+        Some(((squares / n).sqrt(), n / vectors.len() as f64))
+    }
+
+    /// The question, changes to the file, and the options that read it so.
+    fn words(&self, field: &Field, facts: &RecordingFacts) -> (String, Vec<String>, Vec<Named>) {
+        let unit = |k: Option<usize>| k.map_or("px", |k| LENGTHS[k].0);
+        let per = if self.is_per_s { "/s" } else { "" };
+        let (mut asked, mut changes, mut options) = (Vec::new(), Vec::new(), Vec::new());
+        if self.at.is_some() || self.moved.is_some() || self.is_per_s {
+            asked.push(match self.at {
+                None => format!("u and v in {}{per}", unit(self.moved)),
+                at => format!("x and y in {}, u and v in {}{per}", unit(at), unit(self.moved)),
+            });
+            let (um, dt) = (facts.um_per_px.unwrap_or(1.0), facts.dt_s.unwrap_or(1.0));
+            let has_options = !field.placement.is_stated && self.at == self.moved;
+            let um_is_used = self.at.is_some() || self.moved.is_some();
+            if has_options {
+                options.extend(um_is_used.then(|| option("um_per_px").of(um)));
+                options.extend(self.is_per_s.then(|| option("dt_s").of(dt)));
+            } else if let Some([length, moved]) = self.factors(facts) {
+                changes.push(format!("multiply x and y by {length} and u and v by {moved}"));
+            }
+        }
+        let y = if field.placement.is_y_up { "down" } else { "up" };
+        asked.extend(match self.axes {
+            Axes::Kept => None,
+            Axes::Y => Some(format!("y grows {y}ward")),
+            Axes::V => Some("v has the wrong sign".to_owned()),
+            Axes::X => Some("x grows to the left".to_owned()),
+            Axes::Both => Some(format!("x grows to the left and y {y}ward")),
+        });
+        match self.axes {
+            Axes::V => changes.push("write v with the other sign".to_owned()),
+            Axes::X | Axes::Both => changes.push("write x and u to the right".to_owned()),
+            Axes::Kept | Axes::Y => {}
+        }
+        options.extend(matches!(self.axes, Axes::Y | Axes::Both).then(|| option("y").is(y)));
+        (format!("{}?", asked.join("; ")), changes, options)
+    }
+}
+
+/// The reading in other units or with reversed axes that fits much better than that of the result, if any.
+fn other_reading(field: &Field, grid: &TrueField, facts: &RecordingFacts) -> Option<Hint> {
+    /// Number of vectors for which all readings are tried.
+    const SAMPLE: usize = 2000;
+    let valid: Vec<&FlowVector> = field.vectors.iter().filter(|v| v.flag == 0).collect();
+    if valid.len() < FEWEST {
+        return None;
+    }
+    let height = facts.sensor_px.map(|(_, height)| height);
+    let of = (field, field.placement.sum_px(&field.vectors, height));
+    let sample: Vec<&FlowVector> = valid.iter().copied().step_by(valid.len().div_ceil(SAMPLE)).collect();
+    let now = Reading { at: None, moved: None, is_per_s: false, axes: Axes::Kept };
+    // A field within two pixels is in another unit, whatever its error.
+    let range = |of: fn(&Position) -> f64| {
+        let values = || valid.iter().map(|v| of(&v.at));
+        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
+    };
+    let is_tiny = range(|at| at.x_px) < 2.0 && range(|at| at.y_px) < 2.0;
+    // Fewer than half of the vectors in the image tell nothing.
+    let error = |reading: &Reading, vectors: &[&FlowVector]| {
+        let (rms, share) = reading.rms_px(vectors, of, grid, facts)?;
+        (share >= 0.5 && !(reading.at.is_none() && is_tiny)).then_some(rms)
+    };
+    let mut best: Option<(Reading, f64)> = None;
+    for reading in Reading::all() {
+        let Some(rms) = error(&reading, &sample) else { continue };
+        // More changes need a clearly smaller error.
+        if best.is_none_or(|(_, least)| rms < 0.5 * least) {
+            best = Some((reading, rms));
+        }
+    }
+    let (reading, _) = best.filter(|(reading, _)| *reading != now)?;
+    let (after, before) = (error(&reading, &valid)?, error(&now, &valid));
+    let spread = (valid.iter().filter_map(|v| grid.at(v)).map(|[u, v, _]| u * u + v * v).sum::<f64>()
+        / valid.len() as f64)
+        .sqrt();
+    // No better than zeros: another dataset.
+    if before.is_none() && spread > 0.0 && after > 2.0 * spread
+        || before.is_some_and(|before| after > 0.5 * before)
+    {
+        return None;
+    }
+    let (question, changes, options) = reading.words(field, facts);
+    let instead = before.map(|before| format!(" instead of {before:.3}")).unwrap_or_default();
+    let changes = changes.iter().map(|change| format!("; {change}")).collect::<String>();
+    let hint =
+        Hint::new(question, &format!("The RMS end-point error would be {after:.3}{instead} px{changes}"));
+    let hint = if options.is_empty() { hint } else { hint.with_options(&options) };
+    Some(Hint { rms_px: Some(after), rms_px_now: before, ..hint })
 }
 
 /// A hint if zero displacements would have smaller errors. It compares medians, because outliers alone make

@@ -168,7 +168,7 @@ pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
                         .to_owned(),
                 );
             }
-            scored.hints = hints::hints(&field.vectors, &compared, truth);
+            scored.hints = hints::hints(field, &compared, truth, facts);
             let valid: Vec<FlowVector> =
                 compared.iter().map(|c| c.measured).filter(|v| v.flag == 0).collect();
             scored.score.interpolation_error_px = truth.interpolation_error_px(&valid);

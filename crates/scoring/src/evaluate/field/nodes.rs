@@ -134,8 +134,7 @@ impl NodeErrors {
             [ratio(valid, n), ratio(squares, n).map(f64::sqrt), ratio(product, truth)]
         };
         let [valid, rms_px, response] = scores(&total);
-        let [interval_valid, interval_rms_px, interval_response] =
-            intervals(&units, seed, scores);
+        let [interval_valid, interval_rms_px, interval_response] = intervals(&units, seed, scores);
         let score = NodeErrors {
             n: total[0] as usize,
             spread_px,
