@@ -189,6 +189,8 @@ def evaluate(
     y: Literal["down", "up"] | None = None,
     frame_base: int | None = None,
     um_per_px: float | None = None,
+    dt_s: float | None = None,
+    pair: int | Literal["all"] | None = None,
     depth_um: tuple[float, float] | None = None,
     plane_um: float | None = None,
     auto_offset: bool = False,
@@ -198,7 +200,8 @@ def evaluate(
     """Score a tracker's result against the truth: the numbers of ``microsig evaluate``, to the last digit.
 
     :param dataset: a dataset, its folder, or a bare table of the truth
-    :param result: a file of any format that the command reads; or columns of particles ``frame, track, x_px, y_px [, z_um]``
+    :param result: a file of any format that the command reads; a folder or pattern of files with a field for each image pair;
+        or columns of particles ``frame, track, x_px, y_px [, z_um]``
         (track -1: not linked) or of a field ``x_px, y_px, dx_px, dy_px [, dz_um] [, flag] [, pair]``, as a table, a data frame
         or a dict of arrays. trackpy's data frames (``frame, x, y, particle``) are recognized too. Masked values are missing
         ones; a data frame's index counts as a column if it has a name.
@@ -213,7 +216,11 @@ def evaluate(
     :param unit: unit of x and y in the result (``px``, ``um``, ``mm``, ...), by default as stated in it or usual in its format
     :param y: which way y grows in the result
     :param frame_base: number of the result's first frame
-    :param um_per_px: object-space length of a pixel, um, for a bare table
+    :param um_per_px: object-space length of a pixel, um, for a bare table. A file of a field that states no units is then in m,
+        mm or um
+    :param dt_s: time between the frames of a pair, s. A file of a field that states no units then has velocities per s
+    :param pair: image pair of a field whose file does not state it, or of the first of several files; "all" for a field of all
+        pairs (ensemble correlation)
     :param depth_um: depth range in which particles are scored, um, by default that of the dataset; needed for a bare table
     :param plane_um: score a field against the plane of the truth nearest to this depth, um
     :param auto_offset: report which shift of the whole result would fit best; it is never applied
@@ -238,6 +245,8 @@ def evaluate(
         "y_up": None if y is None else one_of("y", y, ("down", "up")) == "up",
         "frame_base": optional(whole, "frame_base", frame_base, -(2**31), 2**31),
         "um_per_px": optional(real, "um_per_px", um_per_px),
+        "dt_s": optional(real, "dt_s", dt_s),
+        "pair": None if pair is None else "all" if pair == "all" else str(whole("pair", pair, 0, 2**31)),
         "depth_um": optional(interval, "depth_um", depth_um),
         "plane_um": optional(real, "plane_um", plane_um),
         "auto_offset": flag("auto_offset", auto_offset),

@@ -14,7 +14,7 @@ use pyo3::types::PyDict;
 use scenario::{self, Literal, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Hint, Score, Truth, UnitScores, evaluate_files, evaluate_source};
-use scoring::results::{Conventions, Format, LengthUnit, Origin, Source};
+use scoring::results::{Conventions, Format, LengthUnit, Origin, PairChoice, Source};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
@@ -50,6 +50,10 @@ struct How {
     #[pyo3(item)]
     um_per_px: Option<f64>,
     #[pyo3(item)]
+    dt_s: Option<f64>,
+    #[pyo3(item)]
+    pair: Option<String>,
+    #[pyo3(item)]
     depth_um: Option<(f64, f64)>,
     #[pyo3(item)]
     plane_um: Option<f64>,
@@ -71,6 +75,11 @@ fn optional<T: Variants>(name: &str, given: Option<&String>) -> storage::Result<
     given.map(|given| one_of(name, given)).transpose()
 }
 
+fn optional_pair(given: Option<&str>) -> storage::Result<Option<PairChoice>> {
+    let wrong = |expected| storage::Error::input(format!("pair: {expected}"));
+    given.map(|given| given.parse().map_err(wrong)).transpose()
+}
+
 impl How {
     fn options(&self) -> storage::Result<EvaluateOptions> {
         Ok(EvaluateOptions {
@@ -81,6 +90,8 @@ impl How {
                 y_up: self.y_up,
                 frame_base: self.frame_base,
                 um_per_px: self.um_per_px,
+                dt_s: self.dt_s,
+                pair: optional_pair(self.pair.as_deref())?,
                 depth_um: self.depth_um,
                 ..Conventions::default()
             },
@@ -169,7 +180,7 @@ fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> 
         };
         let evaluation = match (&dataset, &file) {
             (DatasetPlace::Folder(dataset), Some(file)) => evaluate_files(dataset, file, &options)?,
-            (_, Some(file)) => evaluate_source(truth, Source::File(file.into()), &options)?,
+            (_, Some(file)) => evaluate_source(truth, Source::at(file.into())?, &options)?,
             (_, None) => evaluate_source(truth, Source::Columns(table), &options)?,
         };
         Ok(Scored { score: evaluation.score, units: Arc::new(evaluation.units) })

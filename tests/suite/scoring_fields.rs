@@ -274,7 +274,7 @@ fn image_pairs_that_are_not_there_are_told() {
 fn a_field_with_y_upward_is_noticed() {
     let exact = |x: f64, y: f64| [0.1 * x, 2.0 + 0.1 * y];
     let (_, warnings) = score(&table(8, exact), &table(8, |x, y| [exact(x, y)[0], -exact(x, y)[1]]));
-    assert!(warnings.iter().any(|w| w.contains("with y upward")), "{warnings:?}");
+    assert!(warnings.iter().any(|w| w.contains("v has the wrong sign?")), "{warnings:?}");
 }
 
 #[test]

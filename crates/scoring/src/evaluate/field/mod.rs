@@ -14,6 +14,8 @@ mod hints;
 mod nodes;
 mod peak_locking;
 mod spectrum;
+#[cfg(test)]
+mod tests;
 pub mod true_field;
 mod vector_grid;
 
