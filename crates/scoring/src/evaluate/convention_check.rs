@@ -61,7 +61,7 @@ struct Quality {
 }
 
 /// An alternative convention: maps a row as it was read to the row it would be under that convention; `None`
-/// if its frame would be negative.
+/// if that would be refused.
 type Convention<'a> = Box<dyn Fn(&TrackRow) -> Option<TrackRow> + 'a>;
 
 /// A probable mistake: a question, how the result would be read without it, that reading, and its options.
@@ -132,7 +132,7 @@ impl<'a> ConventionCheck<'a> {
         };
         let mut hints = Vec::new();
         let bias = score.bias_x_px.zip(score.bias_y_px);
-        for family in [self.frames()?, self.axes()?, self.lengths()?] {
+        for family in [self.frames()?, self.axes()?, self.lengths(now)?] {
             hints.extend(self.best(family, now, false, FAR_SMALLER)?);
         }
         // A bias of almost exactly 0.5 or 1 px along both axes is suspicious regardless of the random error.
@@ -345,12 +345,14 @@ impl<'a> ConventionCheck<'a> {
         Ok(family)
     }
 
-    /// x and y in another unit, from any origin.
-    fn lengths(&self) -> Result<Vec<Suspect<'_>>> {
-        let Some(um_per_px) = self.truth.facts.um_per_px else { return Ok(Vec::new()) };
+    /// x and y in another unit, from any origin; none for a result that is right in most places.
+    fn lengths(&self, now: Quality) -> Result<Vec<Suspect<'_>>> {
+        let Some(um_per_px) = self.truth.facts.um_per_px.filter(|_| now.f1 < HARDLY_CHANCE) else {
+            return Ok(Vec::new());
+        };
         let mut family = Vec::new();
-        let now = self.read_as.unit.unwrap_or(PARTICLES.unit);
-        for unit in LengthUnit::all().filter(|unit| *unit != now) {
+        let read_now = self.read_as.unit.unwrap_or(PARTICLES.unit);
+        for unit in LengthUnit::all().filter(|unit| *unit != read_now) {
             for origin in Origin::ALL {
                 let read_as = Conventions { unit: Some(unit), origin: Some(origin), ..self.read_as };
                 let Ok([x0, y0]) = origin.shift_px(&read_as) else { continue };

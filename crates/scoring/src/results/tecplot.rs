@@ -99,8 +99,8 @@ pub(super) fn points(path: &InputFile, given: &Conventions) -> Result<Points> {
     let table = Table::open(path, given)?;
     let (x, y, z) = (table.need(&["x"])?, table.need(&["y"])?, table.column(&["z"]));
     let track = table.column(&["partid", "trackid", "track id", "id"]);
-    let mut converter = Converter::new(PARTICLES, given)?;
-    let (name, unit) = (table.sheet.name(), table.units[x].as_str());
+    let mut converter = Converter::new(PARTICLES, &Conventions { unit: None, ..*given })?;
+    let (name, unit) = (table.sheet.name(), given.unit.map_or(table.units[x].as_str(), |unit| unit.symbol()));
     // Factor to um, and where the middle of the image is in px.
     let in_um = Unit::parse(if unit.is_empty() { "mm" } else { unit }).and_then(Unit::length_um);
     let in_um = in_um.ok_or_else(|| Error::input(format!("{name}: X in {unit:?}: expected mm, um or px")))?;
