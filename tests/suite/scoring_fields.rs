@@ -5,6 +5,7 @@ use std::path::Path;
 
 use scoring::evaluate::field::FieldScore;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
+use scoring::results::{Conventions, Origin};
 use suite::microsig::{fail, path, run};
 
 /// A grid of `n` x `n` vectors with a spacing of 8 px.
@@ -275,6 +276,33 @@ fn a_field_with_y_upward_is_noticed() {
     let exact = |x: f64, y: f64| [0.1 * x, 2.0 + 0.1 * y];
     let (_, warnings) = score(&table(8, exact), &table(8, |x, y| [exact(x, y)[0], -exact(x, y)[1]]));
     assert!(warnings.iter().any(|w| w.contains("v has the wrong sign?")), "{warnings:?}");
+}
+
+/// A real file: OpenPIV 0.26.1, `windef` with two passes of 64 px, on this pair.
+#[test]
+fn openpiv_reverses_y_within_its_grid() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = place.path().join("dataset");
+    let set = ["timing.pairs.count=1", "optics.pixel_dim_x=500", "optics.pixel_dim_y=502"];
+    let set: Vec<&str> = set.iter().flat_map(|set| ["--set", set]).collect();
+    run(&[&["generate", "piv_gaussian", "--quiet", "--out", path(&dataset)], &set[..]].concat());
+    let file = suite::data().join("formats/openpiv_windef.txt");
+    let scored = |conventions| {
+        let options = EvaluateOptions { conventions, ..EvaluateOptions::default() };
+        evaluate_files(&dataset, &file, &options).unwrap().score
+    };
+    let rms = |score: &scoring::evaluate::Score| score.field.as_ref().unwrap().main.u.rms_px.unwrap();
+    let up = Conventions { y_up: Some(true), ..Conventions::default() };
+    let (as_written, upward) = (scored(Conventions::default()), scored(up));
+    let hint = &as_written.hints[0];
+    assert!(hint.what.ends_with("px: --y up"), "{hint:?}");
+    let promised = hint.rms_px.unwrap();
+    let given = upward.field.as_ref().unwrap().main.epe_rms_px.unwrap();
+    assert!((promised - given).abs() < 1e-9, "{promised} {given}");
+    // Measured: 0.176 px, and 0.171 px where the window's center belongs.
+    assert!(rms(&upward) < 0.18, "{}", rms(&upward));
+    let exact = scored(Conventions { origin: Some(Origin::Center0), ..up });
+    assert!(rms(&exact) < 0.173 && exact.hints.is_empty(), "{} {:?}", rms(&exact), exact.hints);
 }
 
 #[test]

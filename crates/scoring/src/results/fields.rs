@@ -145,7 +145,8 @@ pub(super) fn read(
         rows.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
         Ok(())
     })?;
-    if !numbered && columns.pair.is_none() && rows.vectors.iter().all(|v| v.pair == Some(0)) {
+    let first = rows.vectors.first().and_then(|v| v.pair);
+    if !numbered && columns.pair.is_none() && rows.vectors.iter().all(|v| v.pair == first) {
         // A single zone without a number.
         rows.vectors.iter_mut().for_each(|v| v.pair = None);
     }

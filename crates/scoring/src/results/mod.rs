@@ -177,15 +177,11 @@ impl Source {
     pub fn read(self, format: Format, given: &Conventions) -> Result<TrackerResult> {
         let how = if given.format.is_some() { "format given" } else { "format detected from the header" };
         let given = &Conventions { format: Some(format), ..*given };
+        let mut is_one = true;
         let (name, mut found) = match self {
-            Source::File(path) => {
-                let mut found = of_file(&path, format, given)?;
-                if let TrackerResult::Field(field) = &mut found {
-                    one_pair(field, format, given)?;
-                }
-                (path.display().to_string(), found)
-            }
+            Source::File(path) => (path.display().to_string(), of_file(&path, format, given)?),
             Source::Files(path, files) => {
+                is_one = false;
                 (path.display().to_string(), TrackerResult::Field(of_pairs(&files, format, given)?))
             }
             Source::Columns(columns) => {
@@ -201,7 +197,12 @@ impl Source {
                 unique(&name, points)?;
                 &mut points.notes
             }
-            TrackerResult::Field(field) => &mut field.notes,
+            TrackerResult::Field(field) => {
+                if is_one {
+                    one_pair(field, format, given)?;
+                }
+                &mut field.notes
+            }
         };
         if let Some(first) = notes.first_mut() {
             *first = format!("{first} ({how})");

@@ -35,10 +35,8 @@ type Lines = BufReader<UnixLines<Bounded<Text>>>;
 
 /// The rows below the header, and the number of lines read before.
 enum Source {
-    /// With the delimiter.
-    Lines(Lines, u64, u8),
-    /// Rows between lines that begin with words: entries of Tecplot's header, or comments.
-    Zones(Lines, u64, Zones),
+    /// With the delimiter; Tecplot's text has zones.
+    Lines(Lines, u64, u8, Option<Zones>),
     Columns(Columns),
 }
 
@@ -50,11 +48,20 @@ struct Zones {
     read: u32,
     /// The number in the title, for a zone without one.
     title: Option<u32>,
+    /// Lines before the first zone, and that with it.
+    above: String,
 }
 
 impl Zones {
     /// Reads a line that is not a row.
     fn header(&mut self, line: &str) -> std::result::Result<(), String> {
+        if self.read == 0 && self.above.len() < HEAD {
+            self.above += line;
+            self.above.push('\n');
+        }
+        if line.starts_with('#') {
+            return Ok(());
+        }
         // Without quoted text, which may contain keywords.
         let bare: String = line.split('"').step_by(2).collect::<Vec<_>>().join("\"").to_ascii_uppercase();
         if bare.contains("BLOCK") {
@@ -91,8 +98,6 @@ pub struct TextTable {
     header: Vec<String>,
     source: Source,
     waiting: Option<(u64, ByteRecord)>,
-    /// Lines above the first row of Tecplot's text.
-    above: String,
     rows: usize,
     most_rows: usize,
     problems: Vec<String>,
@@ -142,21 +147,20 @@ impl TextTable {
         }
         let decimals = (delimiter != b',').then(Decimals::default);
         let header = names(&header, delimiter);
-        let source = Source::Lines(lines, line, delimiter);
+        let source = Source::Lines(lines, line, delimiter, None);
         Ok(TextTable { decimals, style, ..TextTable::new(name, header, source) })
     }
 
     /// Opens Tecplot's text; returns its header, too. The columns have no names yet.
     pub(super) fn tecplot(path: &InputFile) -> Result<(Self, String)> {
         let lines = BufReader::new(UnixLines::new(Bounded::new(Text::open(path)?, b'\n')));
-        let source = Source::Zones(lines, 0, Zones::default());
+        let source = Source::Lines(lines, 0, b' ', Some(Zones::default()));
         let mut table = TextTable::new(path.display().to_string(), Vec::new(), source);
         table.decimals = Some(Decimals::default());
         let mut record = ByteRecord::new();
-        if let Some(line) = table.record(&mut record)? {
-            table.waiting = Some((line, record));
-        }
-        let header = std::mem::take(&mut table.above);
+        table.waiting = table.record(&mut record)?.map(|line| (line, record));
+        let Source::Lines(_, _, _, Some(zones)) = &mut table.source else { return Ok((table, String::new())) };
+        let header = std::mem::take(&mut zones.above);
         Ok((table, header))
     }
 
@@ -172,7 +176,6 @@ impl TextTable {
             header,
             source,
             waiting: None,
-            above: String::new(),
             rows: 0,
             most_rows: MAX_ROWS,
             problems: Vec::new(),
@@ -206,7 +209,7 @@ impl TextTable {
         let failed = |e: std::io::Error| Error::input(format!("{}: {e}", self.name));
         match &mut self.source {
             Source::Columns(_) => Ok(None),
-            Source::Lines(reader, line, delimiter) => {
+            Source::Lines(reader, line, delimiter, zones) => {
                 let mut text = Vec::new();
                 loop {
                     text.clear();
@@ -214,42 +217,29 @@ impl TextTable {
                         return Ok(None);
                     }
                     *line += 1;
-                    if !text.trim_ascii().is_empty() {
+                    if text.trim_ascii().is_empty() {
+                        continue;
+                    }
+                    let Some(zones) = zones else {
                         split(&text, *delimiter, record);
                         return Ok(Some(*line));
-                    }
-                }
-            }
-            Source::Zones(reader, line, zones) => {
-                let mut text = Vec::new();
-                loop {
-                    text.clear();
-                    if reader.read_until(b'\n', &mut text).map_err(failed)? == 0 {
-                        return Ok(None);
-                    }
-                    *line += 1;
+                    };
                     let text = String::from_utf8_lossy(&text);
                     let text = text.trim();
                     let is_row = text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
                         || text.get(..3).is_some_and(|start| start.eq_ignore_ascii_case("nan"));
                     if !is_row {
-                        zones
-                            .header(text)
-                            .map_err(|what| Error::input(format!("{}:{line}: {what}", self.name)))?;
-                        if self.rows == 0 && self.above.len() < HEAD {
-                            self.above.push_str(text);
-                            self.above.push('\n');
-                        }
+                        let wrong = |what| Error::input(format!("{}:{line}: {what}", self.name));
+                        zones.header(text).map_err(wrong)?;
                         continue;
                     }
                     // With blanks between numbers, commas may be decimal.
-                    let is_decimal = text.contains(',')
-                        && text.contains([' ', '\t'])
-                        && !text.contains(", ")
-                        && !text.contains('.');
-                    let fields = text.split(|c: char| c.is_ascii_whitespace() || c == ',' && !is_decimal);
+                    let is_separated =
+                        !text.contains([' ', '\t']) || text.contains(", ") || text.contains('.');
                     record.clear();
-                    fields.filter(|f| !f.is_empty()).for_each(|f| record.push_field(f.as_bytes()));
+                    text.split(|c: char| c.is_ascii_whitespace() || c == ',' && is_separated)
+                        .filter(|f| !f.is_empty())
+                        .for_each(|f| record.push_field(f.as_bytes()));
                     return Ok(Some(*line));
                 }
             }
@@ -326,7 +316,7 @@ impl TextTable {
             }
             let wrong = if record.len() == self.header.len() {
                 let zone = match &self.source {
-                    Source::Zones(_, _, zones) => Some(zones.current),
+                    Source::Lines(_, _, _, Some(zones)) => Some(zones.current),
                     _ => None,
                 };
                 let mut cells =

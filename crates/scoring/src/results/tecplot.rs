@@ -231,11 +231,11 @@ mod tests {
         let points = with(&px, |path| super::points(path, &Conventions::default())).unwrap();
         assert_eq!((points.rows[2].at.x_px, points.rows[0].at.z_um), (1e-3, -0.01));
         for (from, to, expected) in [
-            ("0 0 -0.01 7", "0 0 -0.01", "t.dat:6: 3 numbers: expected 4"),
-            ("0 0 -0.01 7", "0 0 x 7", "t.dat:6: \"0 0 x 7\": expected numbers"),
-            ("0 0 -0.01 7", "0 0 0 0.5", "t.dat:6: PartID = 0.5"),
+            ("0 0 -0.01 7", "0 0 -0.01", "t.dat:6: 3 fields where the header has 4"),
+            ("0 0 -0.01 7", "0 0 x 7", "t.dat:6: z = \"x\": expected a number"),
+            ("0 0 -0.01 7", "0 0 0 0.5", "t.dat:6: partid = 0.5"),
             ("POINT", "BLOCK", "expected DATAPACKING=POINT"),
-            ("[mm]", "[inch]", "X in \"inch\""),
+            ("[mm]", "[mile]", "X in \"mile\""),
             ("\"X [mm]\"", "\"A\"", "variable x is missing"),
         ] {
             let said = with(&text.replacen(from, to, 1), |path| super::points(path, &given)).unwrap_err();
@@ -260,7 +260,7 @@ mod tests {
             assert_eq!(field.vectors[1].flag, 1);
         }
         let said = read(&own.replace("\"displacement\" \"pixel\"", "\"velocity\" \"m/s\"")).unwrap_err();
-        assert!(said.contains("in m/s: expected positions and displacements in pixels"), "{said}");
+        assert!(said.contains("lengths are not in px; give --um-per-px"), "{said}");
         assert!(read("#DaVis 8.1.6 3D-vector 16\n").unwrap_err().contains("expected 2D-vector"));
     }
 }
