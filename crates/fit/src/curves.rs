@@ -18,8 +18,28 @@ use microsig_core::linear::Symmetric;
 /// Fractions of the light.
 const FRACTIONS: [f64; 3] = [0.2, 0.5, 0.8];
 
-/// Rays per plane.
+/// Rays per plane, while starts are compared and at the end.
+const FEW_RAYS: usize = 150;
 const RAYS: usize = 500;
+
+/// Maximum number of steps in both cases, and the number of starts that are followed to the end.
+const FEW_STEPS: usize = 8;
+const STEPS: usize = 40;
+const FOLLOWED: usize = 2;
+
+/// Windows in which widths are measured, over those of the fit: the images far from focus may be wider than a window,
+/// whose background their light then hides.
+const WINDOWS: [f64; 3] = [1.0, 0.7, 0.5];
+
+/// Initial slopes of marginal rays, over that of the widest images: for images wider than a window, these are no measure.
+const SLOPES: [f64; 2] = [1.0, 0.5];
+
+/// Starts whose curves fit worse than the best of the same window by this factor are not tried.
+const MUCH_WORSE: f64 = 4.0;
+
+/// Starts that agree in the logarithms of slope and focal length within these are one.
+const SAME_SLOPE: f64 = 0.03;
+const SAME_FOCAL_LENGTH: f64 = 0.2;
 
 /// Initial focal lengths of the pre-fit, um.
 const FOCAL_LENGTHS_UM: [f64; 4] = [60.0, 150.0, 350.0, 800.0];
@@ -40,11 +60,25 @@ pub(super) struct Start {
     /// Depth of each particle at stage position 0, um of the model.
     pub(super) z_um: Vec<f64>,
     /// Mean loss of the curves (dimensionless).
-    pub(super) cost: f64,
+    cost: f64,
+}
+
+impl Start {
+    fn is_like(&self, other: &Start) -> bool {
+        let far = |shared: Shared| shared.distance(&self.microscope, &other.microscope).abs();
+        self.direction == other.direction
+            && self.microscope.angle == other.microscope.angle
+            && far(Shared::NumericalAperture) < SAME_SLOPE
+            && far(Shared::FocalLength) < SAME_FOCAL_LENGTH
+    }
 }
 
 /// Widths over stage position, averaged over all particles.
 struct Curves {
+    /// Radius within which light was measured, px.
+    half: f64,
+    /// Direction of the cylindrical lens, rad.
+    angle: f64,
     stage_um: Vec<f64>,
     /// Per plane: three radii, or three |u| and three |v|.
     radii: Vec<Vec<f64>>,
@@ -66,43 +100,43 @@ pub(super) struct Known<'a> {
     pub(super) astigmatic: bool,
 }
 
-/// The best starting point for each direction of the stage and each orientation of the cylindrical lens,
-/// sorted by loss.
+/// A set of initial values.
+#[derive(Clone, Copy)]
+struct Guess {
+    direction: f64,
+    focal_length_um: f64,
+    /// z in units of the aberration length.
+    z: f64,
+    /// See [`SLOPES`].
+    slope: f64,
+}
+
+/// The best starting points for each direction of the stage, each orientation of the cylindrical lens and each window that
+/// differ; the image fit decides between them.
 pub(super) fn starts(known: &Known) -> Vec<Start> {
     let axes: &[f64] = if known.astigmatic { &[0.0, std::f64::consts::FRAC_PI_2] } else { &[0.0] };
-    let curves: Vec<(f64, Curves)> = axes
-        .iter()
-        .map(|turn| known.shape.axis + turn)
-        .map(|angle| (angle, Curves::of(known, angle)))
-        .collect();
-    let guesses: Vec<(usize, f64, f64, f64)> = (0..curves.len())
-        .flat_map(|axis| known.directions.iter().map(move |&direction| (axis, direction)))
-        .flat_map(|(axis, direction)| FOCAL_LENGTHS_UM.iter().map(move |&f| (axis, direction, f)))
-        .flat_map(|(axis, direction, f)| STARTS.iter().map(move |&start| (axis, direction, f, start)))
-        .collect();
-    let fitted: Vec<(usize, Start)> = guesses
-        .par_iter()
-        .map(|&(axis, direction, focal_length, start)| {
-            let (angle, curves) = &curves[axis];
-            (axis, curves.fit(known, *angle, direction, focal_length, start))
-        })
-        .collect();
-    // The best of each orientation and direction; the image fit decides between them.
-    let mut best: Vec<Start> = Vec::new();
-    for axis in 0..curves.len() {
-        for &direction in known.directions {
-            let own = fitted.iter().filter(|(a, s)| *a == axis && s.direction == direction).map(|(_, s)| s);
-            let mut own: Vec<&Start> = own.collect();
-            own.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-            best.extend(own.first().map(|s| (*s).clone()));
+    let mut different: Vec<Start> = Vec::new();
+    for window in WINDOWS {
+        let half = window * known.windows.half as f64;
+        let mut best: Vec<Start> = Vec::new();
+        for turn in axes {
+            let curves = Curves::of(known, known.shape.axis + turn, half);
+            best.extend(known.directions.iter().filter_map(|&direction| curves.best(known, direction)));
+        }
+        let least = best.iter().map(|start| start.cost).fold(f64::INFINITY, f64::min);
+        best.retain(|start| start.cost <= MUCH_WORSE * least);
+        best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        for start in best {
+            if !different.iter().any(|other| other.is_like(&start)) {
+                different.push(start);
+            }
         }
     }
-    best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    best
+    different
 }
 
 impl Curves {
-    fn of(known: &Known, angle: f64) -> Curves {
+    fn of(known: &Known, angle: f64, half: f64) -> Curves {
         let scan = known.scan;
         let mean = scan.mean_stage_um();
         let own: Vec<Vec<Vec<f64>>> = known
@@ -116,15 +150,7 @@ impl Curves {
                     .zip(&scan.stage_um)
                     .map(|(plane, s)| {
                         let middle = [0, 1].map(|i| place[i] + known.shape.drift[i] * (s - mean));
-                        radii(
-                            plane,
-                            known.background,
-                            window,
-                            known.windows.half,
-                            middle,
-                            angle,
-                            known.astigmatic,
-                        )
+                        radii(plane, known.background, window, half, middle, angle, known.astigmatic)
                     })
                     .collect()
             })
@@ -144,11 +170,34 @@ impl Curves {
                     .collect()
             })
             .collect();
-        Curves { stage_um: scan.stage_um.clone(), radii, shifts }
+        Curves { half, angle, stage_um: scan.stage_um.clone(), radii, shifts }
     }
 
-    /// Fits the microscope to the curves, from one set of initial values.
-    fn fit(&self, known: &Known, angle: f64, direction: f64, focal_length_um: f64, start: f64) -> Start {
+    /// The best fit for a direction of the stage, from many initial values.
+    fn best(&self, known: &Known, direction: f64) -> Option<Start> {
+        let guesses: Vec<Guess> = FOCAL_LENGTHS_UM
+            .iter()
+            .flat_map(|&f| STARTS.iter().map(move |&z| (f, z)))
+            .flat_map(|(focal_length_um, z)| {
+                SLOPES.iter().map(move |&slope| Guess { direction, focal_length_um, z, slope })
+            })
+            .collect();
+        let cost = |(a, _): &(f64, State), (b, _): &(f64, State)| a.total_cmp(b);
+        let mut rough: Vec<(f64, State)> = guesses
+            .par_iter()
+            .map(|guess| self.minimize(self.first(known, *guess), direction, known, FEW_RAYS, FEW_STEPS))
+            .collect();
+        rough.sort_by(cost);
+        rough.truncate(FOLLOWED);
+        let finish = |(_, state): (f64, State)| self.minimize(state, direction, known, RAYS, STEPS);
+        let (cost, State { microscope, z0_um }) = rough.into_par_iter().map(finish).min_by(cost)?;
+        let depth = |shift: &f64| z0_um + direction * shift / known.given.depth_factor;
+        Some(Start { microscope, direction, z_um: self.shifts.iter().map(depth).collect(), cost })
+    }
+
+    /// The state with these initial values.
+    fn first(&self, known: &Known, guess: Guess) -> State {
+        let Guess { direction, focal_length_um, .. } = guess;
         let given = known.given;
         let um_per_px = given.pixel_size_um / given.magnification;
         let outer = |radii: &Vec<f64>| radii[radii.len() - 1].max(radii[2]);
@@ -167,7 +216,7 @@ impl Curves {
             .fold(0.02f64, f64::max);
         let least = self.radii.iter().map(|radii| radii[0]).fold(f64::INFINITY, f64::min);
         let shift_um = if known.astigmatic {
-            let quarter = ((angle - known.shape.axis) / std::f64::consts::FRAC_PI_2).round() != 0.0;
+            let quarter = ((self.angle - known.shape.axis) / std::f64::consts::FRAC_PI_2).round() != 0.0;
             let between = direction * (known.shape.focus[0] - known.shape.focus[1]) / given.depth_factor;
             if quarter { -between } else { between }
         } else {
@@ -179,14 +228,29 @@ impl Curves {
             ri_medium: given.ri_medium,
             ri_lens: given.ri_lens,
             depth_factor: given.depth_factor,
-            slope: slope.min(2.0),
+            slope: (guess.slope * slope).min(2.0),
             focal_length_um,
             focus_shift_um: shift_um,
-            angle,
+            angle: self.angle,
             diameter_um: known.diameter_um.unwrap_or((2.5 * least * um_per_px).clamp(0.2, 10.0)),
             waves: None,
         }
         .bounded();
+        State {
+            microscope,
+            z0_um: -guess.z * microscope.aberration_um() - direction * focus_um / given.depth_factor,
+        }
+    }
+
+    /// Levenberg-Marquardt minimization with a soft L1 loss; returns the mean loss.
+    fn minimize(
+        &self,
+        mut state: State,
+        direction: f64,
+        known: &Known,
+        rays: usize,
+        steps: usize,
+    ) -> (f64, State) {
         let mut free = vec![Shared::NumericalAperture, Shared::FocalLength];
         if known.diameter_um.is_none() {
             free.push(Shared::Diameter);
@@ -194,29 +258,17 @@ impl Curves {
         if known.astigmatic {
             free.push(Shared::FocusShift);
         }
-        let mut state = State {
-            microscope,
-            z0_um: -start * microscope.aberration_um() - direction * focus_um / given.depth_factor,
-        };
-        let cost = self.minimize(&mut state, &free, direction, known);
-        let z_um =
-            self.shifts.iter().map(|shift| state.z0_um + direction * shift / given.depth_factor).collect();
-        Start { microscope: state.microscope, direction, z_um, cost }
-    }
-
-    /// Levenberg-Marquardt minimization with a soft L1 loss; returns the mean loss.
-    fn minimize(&self, state: &mut State, free: &[Shared], direction: f64, known: &Known) -> f64 {
         let n = free.len() + 1;
-        let residuals = |state: &State| self.residuals(state, direction, known);
+        let residuals = |state: &State| self.residuals(state, direction, known, rays);
         let loss =
             |r: &[f64]| r.iter().map(|r| 2.0 * (libm::sqrt(1.0 + r * r) - 1.0)).sum::<f64>() / r.len() as f64;
-        let mut here = residuals(state);
+        let mut here = residuals(&state);
         let mut damping = 1e-2;
-        for _ in 0..40 {
+        for _ in 0..steps {
             let columns: Vec<Vec<f64>> = (0..n)
                 .map(|k| {
                     let step = free.get(k).map_or(0.5, |s| s.step(&state.microscope).unwrap_or(0.01));
-                    let moved = residuals(&state.moved(free, k, step));
+                    let moved = residuals(&state.moved(&free, k, step));
                     moved.iter().zip(&here).map(|(a, b)| (a - b) / step).collect()
                 })
                 .collect();
@@ -243,12 +295,12 @@ impl Curves {
                 let mut next = state.clone();
                 for (k, step) in step.iter().enumerate() {
                     let longest = free.get(k).map_or(10.0, |s| s.longest(&state.microscope));
-                    next = next.moved(free, k, step.clamp(-longest, longest));
+                    next = next.moved(&free, k, step.clamp(-longest, longest));
                 }
                 next.microscope = next.microscope.bounded();
                 let there = residuals(&next);
                 if loss(&there) < before {
-                    *state = next;
+                    state = next;
                     here = there;
                     damping = (0.3 * damping).max(1e-6);
                     accepted = true;
@@ -260,16 +312,16 @@ impl Curves {
                 break;
             }
         }
-        loss(&here)
+        (loss(&here), state)
     }
 
-    fn residuals(&self, state: &State, direction: f64, known: &Known) -> Vec<f64> {
+    fn residuals(&self, state: &State, direction: f64, known: &Known, rays: usize) -> Vec<f64> {
         let settings = state.microscope.settings(2 * known.windows.half + 1);
         let system = OpticalSystem::new(&settings);
         let mut residuals = Vec::with_capacity(6 * self.radii.len());
         for (s, radii) in self.stage_um.iter().zip(&self.radii) {
             let z_um = direction * s / state.microscope.depth_factor + state.z0_um;
-            let ours = traced(&system, &state.microscope, z_um, known.windows.half as f64, known.astigmatic);
+            let ours = traced(&system, &state.microscope, z_um, self.half, known.astigmatic, rays);
             let ours = ours.unwrap_or([0.0; 6]);
             residuals.extend(
                 radii.iter().zip(ours).map(|(r, model)| (model - r) / (RADIUS_ERROR_PX + RELATIVE_ERROR * r)),
@@ -299,7 +351,7 @@ fn radii(
     plane: &[u16],
     background: Background,
     window: &Window,
-    half: usize,
+    half: f64,
     middle: [f64; 2],
     angle: f64,
     astigmatic: bool,
@@ -309,7 +361,7 @@ fn radii(
         let (dx, dy) = (x - middle[0], y - middle[1]);
         ([c * dx + s * dy, c * dy - s * dx], f64::from(plane[at]) - background.mean)
     });
-    let lit: Vec<([f64; 2], f64)> = lit.filter(|(p, _)| libm::hypot(p[0], p[1]) <= half as f64).collect();
+    let lit: Vec<([f64; 2], f64)> = lit.filter(|(p, _)| libm::hypot(p[0], p[1]) <= half).collect();
     let of = |place: &dyn Fn([f64; 2]) -> f64| {
         let mut values: Vec<(f64, f64)> = lit.iter().map(|(p, v)| (place(*p), *v)).collect();
         quantiles(&mut values)
@@ -378,21 +430,22 @@ fn quasi_random(i: usize) -> [f64; 6] {
     })
 }
 
-/// The radii (px) of traced rays; `None` if fewer than 5 % of them arrive within the window.
+/// The radii (px) of traced rays; `None` if fewer than 5 % of them arrive within the radius `half`.
 fn traced(
     system: &OpticalSystem,
     microscope: &Microscope,
     z_um: f64,
     half: f64,
     astigmatic: bool,
+    rays: usize,
 ) -> Option<[f64; 6]> {
     let distance = system.objective.object_distance(z_um);
     let radius = 0.5 * microscope.diameter_um;
     if distance <= 1.01 * radius {
         return None;
     }
-    let mut landed: Vec<([f64; 2], f64)> = Vec::with_capacity(RAYS);
-    for i in 0..RAYS {
+    let mut landed: Vec<([f64; 2], f64)> = Vec::with_capacity(rays);
+    for i in 0..rays {
         let [a, b, c, d, e, f] = quasi_random(i);
         let q = system.objective.aperture_radius * libm::sqrt(a) * (1.0 - 1e-9);
         let turn = 2.0 * std::f64::consts::PI;
@@ -408,7 +461,7 @@ fn traced(
             landed.push((place, away / (r2 * libm::sqrt(r2))));
         }
     }
-    if landed.len() < RAYS / 20 {
+    if landed.len() < rays / 20 {
         return None;
     }
     let of = |place: &dyn Fn([f64; 2]) -> f64| {

@@ -299,13 +299,108 @@ fn shared_by_waves(model: WaveModel, with_diameter: bool) -> Vec<Shared> {
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::emission::SpheroidLaw;
+    use microsig_core::random::{normal, poisson};
+    use microsig_core::render::ExpectedRenderer;
     use microsig_core::render::waves::Emission;
+    use microsig_core::stream::{Purpose, Streams};
 
     use super::*;
     use crate::imager::Imager;
     use crate::particles::Window;
     use crate::particles::Windows;
     use crate::waves::Waves;
+
+    /// A particle under a lens of 20x/0.4, in 26 planes whose images are up to twice as wide as the largest window: the
+    /// darkest pixels of the scan have a count of light, which hides the rims of images. With one initial aperture and
+    /// window, the search began at an NA of 0.53 and ended at 0.72 +- 0.04.
+    fn wide_images() -> Scan {
+        let (edge, background, noise, light) = (300usize, 350.0, 20.0, 2.27e6);
+        let settings = microsig_core::Settings {
+            magnification: 20.0,
+            numerical_aperture: 0.4,
+            pixel_dim_x: edge as u32,
+            pixel_dim_y: edge as u32,
+            ..microsig_core::Settings::setting1()
+        };
+        let renderer = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 3e-4).unwrap();
+        let places: Vec<[f64; 2]> =
+            (0..edge * edge).map(|i| [(i % edge) as f64 - 149.3, (i / edge) as f64 - 148.8]).collect();
+        let mut stream = Streams::new(1).stream(Purpose::Rays, 0, 0);
+        let mut plane = |i: u32| -> Vec<u16> {
+            let shares = renderer.shares(4.0 * f64::from(i) - 50.0, 2.0, &places);
+            let mut count = |share: f64| {
+                let light = poisson(&mut stream, (light * share).max(0.0)) as f64;
+                (background + light + noise * normal(&mut stream)).round().max(0.0) as u16
+            };
+            shares.into_iter().map(&mut count).collect()
+        };
+        Scan {
+            width: edge,
+            height: edge,
+            planes: (0..26).map(&mut plane).collect(),
+            stage_um: (0..26).map(|i| 4.0 * f64::from(i)).collect(),
+            full_scale: u16::MAX,
+            warnings: Vec::new(),
+        }
+    }
+
+    const TWENTYFOLD: Given =
+        Given { magnification: 20.0, pixel_size_um: 6.45, ri_medium: 1.0, ri_lens: 1.5, depth_factor: 1.0 };
+
+    #[test]
+    fn a_start_is_near_the_aperture_of_images_wider_than_the_window() {
+        let scan = wide_images();
+        let background = Background::of(&scan.planes);
+        let candidates = particles::find(&scan, background).unwrap();
+        let half = particles::half_width(&scan, background, &candidates);
+        let windows = particles::windows(&scan, &candidates, half).unwrap();
+        let shape = Shape::of(&scan, background, &windows);
+        let known = Known {
+            scan: &scan,
+            background,
+            windows: &windows,
+            shape: &shape,
+            given: TWENTYFOLD,
+            diameter_um: None,
+            directions: &[1.0],
+            astigmatic: false,
+        };
+        let starts: Vec<f64> =
+            curves::starts(&known).iter().map(|start| start.microscope.numerical_aperture()).collect();
+        assert!(starts.iter().any(|na| (na / 0.4 - 1.0).abs() < 0.1), "{starts:?}");
+    }
+
+    #[test]
+    #[ignore = "slow: .ci/full"]
+    fn images_wider_than_the_window_have_the_right_aperture() {
+        let scan = wide_images();
+        for half_window in [None, Some(30), Some(20)] {
+            let options = FitOptions {
+                given: TWENTYFOLD,
+                diameter_um: None,
+                direction: Some(1.0),
+                astigmatic: Astigmatic::Known(false),
+                free_flux: true,
+                half_window,
+                places_px: None,
+                waves: None,
+                free: Vec::new(),
+                bootstrap: 0,
+                seed: 0,
+            };
+            let fitted = fit(&scan, &options, &|_| ()).unwrap().fitted;
+            let na = &fitted.parameters[0];
+            // 95 % of intervals of 1.96 standard deviations; 99.7 % of three.
+            assert!((na.value - 0.4).abs() < 3.0 * na.sd && na.sd < 0.004, "{half_window:?}: {na:?}");
+            assert_eq!(fitted.verdict, Verdict::NoiseLimited, "{}", fitted.sentence());
+            assert!(
+                !fitted.warnings.iter().any(|text| text.contains("farther apart")),
+                "{:?}",
+                fitted.warnings
+            );
+        }
+    }
 
     /// Half width of the test's images, px.
     const HALF: usize = 10;

@@ -10,6 +10,7 @@ use super::images::Problem;
 use super::intervals::Covariance;
 use super::noise::ROUNDING;
 use super::optics::Shared;
+use super::particles::Window;
 use super::state::{Misfit, State};
 use super::waves::TERMS;
 
@@ -23,6 +24,9 @@ const RAYS: (f64, f64) = (100.0, 500.0);
 /// Variance of MicroSIG's ray counts divided by their mean. It is less than 1 where many rays of one source
 /// point fall on one pixel; over a scan, of which most images are out of focus, it is 0.95 to 0.99.
 const FANO: f64 = 0.97;
+
+/// Excess of chi2, in standard deviations, from which residuals are more than noise.
+const MORE_THAN_NOISE: f64 = 3.0;
 
 /// Minimum difference of -2 ln(likelihood) between the two directions of the stage for the direction to be
 /// considered known.
@@ -135,6 +139,8 @@ pub struct Fitted {
     pub rejected: Vec<(usize, usize)>,
     /// Sum of squared residuals over variance, per pixel.
     pub chi2: f64,
+    /// Excess of chi2 over 1, in standard deviations of the chi2 of noise on as many pixels.
+    pub excess_sd: f64,
     /// Fraction of the squared signal above the noise that the model explains.
     pub r2: f64,
     /// Assessment of the fit.
@@ -158,6 +164,9 @@ impl Fitted {
     ) -> Fitted {
         let Run { problem, state, .. } = run;
         let (chi2, r2) = (comparison::chi2(misfits), comparison::r2(misfits));
+        let pixels: usize = misfits.iter().map(|(_, _, m)| m.pixels).sum();
+        let excess_sd = excess_sd(chi2, pixels as f64);
+        let verdict = verdict(chi2, excess_sd, r2);
         let planes = (0..problem.scan.planes.len())
             .map(|i| {
                 let own = misfits.iter().filter(|(_, plane, _)| *plane == i);
@@ -222,7 +231,9 @@ impl Fitted {
             );
         }
         let waves = state.microscope.waves;
-        warnings.extend(halos(problem, state));
+        if verdict != Verdict::NoiseLimited {
+            warnings.extend(halos(problem, state));
+        }
         if run.direction_margin.is_some_and(|margin| margin < KNOWN_DIRECTION) {
             warnings.push(
                 "the scan does not determine whether stage positions increase away from the lens or toward it: give its direction"
@@ -249,8 +260,9 @@ impl Fitted {
             planes,
             rejected,
             chi2,
+            excess_sd,
             r2,
-            verdict: verdict(chi2, r2),
+            verdict,
             settings,
             variance_per_count: state.noise.per_count,
             warnings,
@@ -260,10 +272,18 @@ impl Fitted {
     /// The conclusion as a sentence.
     pub fn sentence(&self) -> String {
         let (chi2, r2) = (self.chi2, self.r2);
-        let numbers = format!("chi2 per pixel {chi2:.3}, {:.1} % of the light explained", 100.0 * r2);
+        let numbers = format!(
+            "chi2 per pixel {chi2:.3}, {:+.0} standard deviations from noise; {:.1} % of the light explained",
+            self.excess_sd,
+            100.0 * r2
+        );
         match self.verdict {
             Verdict::NoiseLimited => format!("the model describes the scan to within its noise ({numbers})"),
-            Verdict::Good => format!("the model describes the scan well ({numbers})"),
+            Verdict::Good => {
+                format!(
+                    "the model describes the scan well, with residuals beyond its noise ({numbers}); inspect them"
+                )
+            }
             Verdict::Fair => {
                 format!("the model describes the scan roughly ({numbers}); inspect the residuals")
             }
@@ -288,28 +308,44 @@ fn halos(problem: &Problem, state: &State) -> Option<String> {
         return None;
     }
     let light = state.beads.iter().map(|bead| bead.light).sum::<f64>() / state.beads.len() as f64;
-    halo([state.background(), problem.background.mean], light, problem.edge_px())
+    let (edge, windows) = (problem.edge_px(), &problem.windows.particles);
+    let overlap = |a: &Window, b: &Window| a.column.abs_diff(b.column).max(a.row.abs_diff(b.row)) < edge;
+    let is_crowded = windows.iter().enumerate().any(|(i, window)| {
+        window.pixels.len() < edge * edge || windows[..i].iter().any(|other| overlap(window, other))
+    });
+    halo([state.background(), problem.background.mean], light, edge, is_crowded)
 }
 
 /// A warning if the fitted background (counts) differs from that of the scan's darkest pixels: a background and a halo
 /// that fills a window of this edge (px) can stand in for each other, at another numerical aperture.
-fn halo([fitted, dark]: [f64; 2], light: f64, edge: usize) -> Option<String> {
+fn halo([fitted, dark]: [f64; 2], light: f64, edge: usize, is_crowded: bool) -> Option<String> {
     let share = (dark - fitted).abs() * (edge * edge) as f64 / light;
+    let advice = if is_crowded {
+        "use particles farther apart"
+    } else {
+        "omit the planes with the largest images, set a smaller window"
+    };
     (share > HALO).then(|| {
         format!(
             "the fitted background is {fitted:.1} counts, that of the dark pixels of the scan {dark:.1}: over a window of {edge} px, \
              the difference is {:.1} % of the light of a particle. Particle images that are wider than the window or overlap cause \
-             this; numerical aperture and focal length are then probably wrong: use particles farther apart or, for a corrected \
-             objective, the wave model",
+             this; numerical aperture and focal length are then perhaps wrong: {advice} or, for a corrected objective, use the \
+             wave model",
             100.0 * share
         )
     })
 }
 
-fn verdict(chi2: f64, r2: f64) -> Verdict {
+/// The chi2 per pixel of noise has a mean of 1 and a variance of 2 over the number of pixels.
+fn excess_sd(chi2: f64, pixels: f64) -> f64 {
+    (chi2 - 1.0) * libm::sqrt(0.5 * pixels)
+}
+
+/// With many pixels, a small excess of chi2 shows errors of the model: 1.09 over 430,000 is 42 standard deviations.
+fn verdict(chi2: f64, excess_sd: f64, r2: f64) -> Verdict {
     match (chi2, r2) {
         (_, r2) if r2 < 0.9 => Verdict::NotDescribed,
-        (chi2, _) if chi2 < 1.1 => Verdict::NoiseLimited,
+        _ if excess_sd < MORE_THAN_NOISE => Verdict::NoiseLimited,
         (chi2, r2) if chi2 < 1.5 || r2 > 0.97 => Verdict::Good,
         _ => Verdict::Fair,
     }
@@ -455,7 +491,16 @@ mod tests {
     #[test]
     fn a_background_in_place_of_halos_is_named() {
         // The difference of 7.4 counts over 129 x 129 px is 1.8 % of the light.
-        assert!(halo([346.2, 353.6], 7e6, 129).unwrap().contains("the difference is 1.8 %"));
-        assert_eq!(halo([350.02, 350.0], 1.7e6, 59), None);
+        let warning = |is_crowded| halo([346.2, 353.6], 7e6, 129, is_crowded).unwrap();
+        assert!(warning(true).contains("the difference is 1.8 %") && warning(true).contains("farther apart"));
+        assert!(!warning(false).contains("farther apart"));
+        assert_eq!(halo([350.02, 350.0], 1.7e6, 59, true), None);
+    }
+
+    #[test]
+    fn a_small_excess_over_many_pixels_is_more_than_noise() {
+        let of = |chi2: f64, pixels: f64| verdict(chi2, excess_sd(chi2, pixels), 0.99);
+        assert_eq!(of(1.09, 432_666.0), Verdict::Good);
+        assert_eq!(of(1.09, 1000.0), Verdict::NoiseLimited);
     }
 }

@@ -41,9 +41,6 @@ const CONVERGED: f64 = 0.1;
 /// While starting points are compared, one particle in this many planes represents the scan.
 const COMPARED_PLANES: usize = 9;
 
-/// Starting points whose curves fit worse than the best by this factor are not tried.
-const MUCH_WORSE: f64 = 4.0;
-
 /// Initial numerical apertures of fits by waves.
 const APERTURES: [f64; 9] = [0.1, 0.15, 0.22, 0.32, 0.45, 0.6, 0.75, 0.87, 0.95];
 
@@ -60,11 +57,9 @@ pub(super) fn best_start(
         k == 0 && (i == 0 || i + 1 == planes || step(i) != step(i - 1))
     };
     problem.rejected = (0..beads).map(|k| (0..planes).map(|i| !is_compared(k, i)).collect()).collect();
-    let least_cost = starts.iter().map(|start| start.cost).fold(f64::INFINITY, f64::min);
     let mut tried: Vec<(f64, f64, State)> = Vec::new();
-    let good = || starts.iter().filter(|start| start.cost <= MUCH_WORSE * least_cost);
-    for (i, start) in good().enumerate() {
-        problem.stage = format!("starting point {} of {}", i + 1, good().count());
+    for (i, start) in starts.iter().enumerate() {
+        problem.stage = format!("starting point {} of {}", i + 1, starts.len());
         let mut state = first_state(problem, shape, start.microscope, start.direction, &start.z_um)?;
         let mut derivatives = None;
         for steps in [3, 5] {
