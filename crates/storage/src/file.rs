@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::checksums::SHA256SUMS;
 use super::interrupt::{Temporary, pause_if_interrupted};
 use super::journal::TEMPORARY;
+use super::removal::MANIFEST;
 use crate::error::{Error, Result};
 
 /// Write buffer, bytes.
@@ -128,9 +129,6 @@ pub fn outside_datasets(path: &Path) -> Result<()> {
         ))),
     }
 }
-
-/// Name of a dataset's manifest.
-const MANIFEST: &str = "datapackage.json";
 
 /// Writes a result to a path given by the user. Removes temporary files left by killed runs.
 ///

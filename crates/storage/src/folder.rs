@@ -15,7 +15,8 @@ use super::interrupt::Temporary;
 use super::journal::{self, JOURNAL, Journal, Listing};
 use super::lock::FolderLock;
 use super::output::OutputFolder;
-use super::removal::{plan, remove_own, remove_temporaries};
+pub use super::removal::remove_own;
+use super::removal::{plan, remove_temporaries};
 pub use super::walk::FilesBelow;
 pub use super::walk::files_below;
 use crate::advice;
@@ -32,7 +33,7 @@ pub struct Partial {
     /// Journal of an interrupted run.
     before: Listing,
     // Fields are dropped in this order: the lock last.
-    _temporary: Temporary,
+    temporary: Temporary,
     lock: FolderLock,
 }
 
@@ -79,9 +80,11 @@ impl FolderClaim {
         let lock = FolderLock::take(path)?;
         let replaced = replaced_name(path);
         if replaced.exists() {
-            if path.exists() {
+            if path.exists() && (!is_empty(path) || is_empty(&replaced)) {
                 remove_own(&replaced)?;
             } else {
+                // Only an empty folder is removed.
+                let _ = std::fs::remove_dir(path);
                 std::fs::rename(&replaced, path).map_err(Error::write(path))?;
             }
         }
@@ -142,10 +145,10 @@ impl FolderClaim {
         let FolderClaim { path, lock } = self;
         let partial = partial_name(&path);
         std::fs::create_dir_all(&partial).map_err(Error::write(&partial))?;
-        let _temporary = Temporary::partial(&partial, !remove_on_drop);
+        let temporary = Temporary::partial(&partial, !remove_on_drop);
         let journal = Journal::open(&partial)?;
         let output = OutputFolder::of_journal(&partial, Arc::clone(&journal));
-        Ok(Partial { output, path, remove_on_drop, journal, before, _temporary, lock })
+        Ok(Partial { output, path, remove_on_drop, journal, before, temporary, lock })
     }
 }
 
@@ -204,11 +207,11 @@ impl Partial {
         self.give_name(earlier, || std::fs::remove_file(&journal).map_err(Error::write(&journal)))
     }
 
+    /// `last` is what an interruption may no longer undo.
     fn give_name(mut self, earlier: Earlier, last: impl FnOnce() -> Result<()>) -> Result<()> {
         check_replaceable(&self.path, earlier)?;
         let partial = self.output.path();
         sync_below(partial)?;
-        last()?;
         if is_empty(&self.path) {
             // If the user created the folder for the result, its permissions are kept.
             let of = std::fs::metadata(&self.path).map_err(Error::write(&self.path))?.permissions();
@@ -216,10 +219,17 @@ impl Partial {
         }
         let replaced = replaced_name(&self.path);
         let replaces = self.path.exists();
-        if replaces {
-            std::fs::rename(&self.path, &replaced).map_err(Error::write(&self.path))?;
-        }
-        std::fs::rename(partial, &self.path).map_err(Error::write(&self.path))?;
+        self.temporary.complete(&replaced, || {
+            last()?;
+            if replaces {
+                std::fs::rename(&self.path, &replaced).map_err(Error::write(&self.path))?;
+            }
+            std::fs::rename(partial, &self.path).map_err(|e| {
+                // Best effort: otherwise the next run restores it.
+                let _ = if replaces { std::fs::rename(&replaced, &self.path) } else { Ok(()) };
+                Error::write(&self.path)(e)
+            })
+        })?;
         self.remove_on_drop = false;
         sync(self.path.parent().unwrap_or(Path::new(".")));
         if replaces { remove_own(&replaced) } else { Ok(()) }
@@ -437,6 +447,40 @@ mod tests {
         assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
     }
 
+    /// The signal comes when the folder is complete except for its name.
+    #[test]
+    fn an_interruption_waits_until_a_complete_folder_has_its_name() {
+        use crate::interrupt::{clean_up, places};
+        let place = tempfile::tempdir().unwrap();
+        for name in ["set", "set", "other"] {
+            let path = place.path().join(name);
+            let partial = Partial::start(&path).unwrap();
+            partial.folder().save_bytes("a", b"1").unwrap();
+            partial.folder().save_bytes("b", b"2").unwrap();
+            let (begin, begins) = std::sync::mpsc::channel();
+            let handler = std::thread::spawn({
+                let within = format!("{}", place.path().display());
+                move || {
+                    begins.recv().unwrap();
+                    let places = places();
+                    // Those of other tests are none of its business.
+                    let own = places.iter().filter(|place| format!("{place:?}").contains(&within));
+                    clean_up(&own.cloned().collect::<Vec<_>>());
+                }
+            });
+            let window = || {
+                begin.send(()).unwrap();
+                std::thread::sleep(std::time::Duration::from_millis(200));
+                Ok(())
+            };
+            let named = partial.give_name(Earlier::new("a", true), window);
+            handler.join().unwrap();
+            named.unwrap();
+            assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a", "b"]);
+            assert!(!replaced_name(&path).exists() && !partial_name(&path).exists());
+        }
+    }
+
     #[test]
     fn a_replacement_that_a_crash_cut_off_is_ended() {
         let place = tempfile::tempdir().unwrap();
@@ -451,11 +495,17 @@ mod tests {
         std::fs::rename(&path, replaced_name(&path)).unwrap();
         drop(FolderClaim::take(&path).unwrap());
         assert!(path.join("a").is_file());
-        // A crash before the old files were removed.
+        // The same, and somebody made an empty folder of that name.
         std::fs::rename(&path, replaced_name(&path)).unwrap();
         std::fs::create_dir(&path).unwrap();
         drop(FolderClaim::take(&path).unwrap());
-        assert!(path.exists() && !replaced_name(&path).exists());
+        assert!(path.join("a").is_file() && !replaced_name(&path).exists());
+        // A crash before the old files were removed.
+        std::fs::rename(&path, replaced_name(&path)).unwrap();
+        std::fs::create_dir(&path).unwrap();
+        std::fs::write(path.join("new"), "").unwrap();
+        drop(FolderClaim::take(&path).unwrap());
+        assert!(path.join("new").is_file() && !replaced_name(&path).exists());
     }
 
     /// A dataset that was complete except for its name and whose resumed run was also killed.

@@ -3,14 +3,14 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::removal;
 use crate::error::{Error, Result};
 
 /// A path and how it is cleaned up.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Place {
+pub(super) enum Place {
     File(PathBuf),
     /// A temporary folder of this process, removed with all its contents.
     Folder(PathBuf),
@@ -22,6 +22,11 @@ enum Place {
 
 static PLACES: Mutex<Vec<Place>> = Mutex::new(Vec::new());
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+/// The paths to clean up. An interruption holds them until the program exits.
+pub(super) fn places() -> MutexGuard<'static, Vec<Place>> {
+    PLACES.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Guard: the path is cleaned up if the program is interrupted while the guard exists.
 #[derive(Debug)]
@@ -38,14 +43,25 @@ impl Temporary {
     }
 
     fn new(place: Place) -> Self {
-        PLACES.lock().unwrap_or_else(PoisonError::into_inner).push(place.clone());
+        places().push(place.clone());
         Temporary(place)
+    }
+
+    /// Gives the folder its final name by `rename`, either before an interruption or not at all; from then on the
+    /// folder that it `replaced` is cleaned up instead.
+    pub(crate) fn complete(&mut self, replaced: &Path, rename: impl FnOnce() -> Result<()>) -> Result<()> {
+        let mut places = places();
+        rename()?;
+        let replaced = Place::Partial(replaced.to_owned());
+        places.iter_mut().filter(|place| **place == self.0).for_each(|place| *place = replaced.clone());
+        self.0 = replaced;
+        Ok(())
     }
 }
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut places = places();
         if let Some(i) = places.iter().rposition(|place| *place == self.0) {
             places.remove(i);
         }
@@ -100,24 +116,26 @@ pub fn clean_up_on_signals(report: impl Fn(bool) + Send + 'static) -> Result<()>
         }
         INTERRUPTED.store(true, Ordering::SeqCst);
         // Held until exit, so that no path is added.
-        let places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut resumable = false;
-        for place in places.iter().rev() {
-            // Errors can no longer be reported.
-            let _ = match place {
-                Place::File(path) => std::fs::remove_file(path).map_err(Error::write(path)),
-                Place::Folder(path) => again(|| std::fs::remove_dir_all(path).map_err(Error::write(path))),
-                Place::Partial(path) => again(|| removal::remove_own(path)),
-                Place::Resumable(path) => {
-                    resumable = true;
-                    removal::remove_temporaries(path)
-                }
-            };
-        }
-        report(resumable);
+        let places = places();
+        clean_up(&places);
+        report(places.iter().any(|place| matches!(place, Place::Resumable(_))));
         std::process::exit(EXIT_CODE);
     })
     .map_err(|e| Error::input(format!("signals: {e}")))
+}
+
+/// Removes what an interrupted program leaves, the latest first.
+pub(super) fn clean_up(places: &[Place]) {
+    for place in places.iter().rev() {
+        // Errors can no longer be reported.
+        let _ = match place {
+            Place::File(path) => std::fs::remove_file(path).map_err(Error::write(path)),
+            Place::Folder(path) => again(|| std::fs::remove_dir_all(path).map_err(Error::write(path))),
+            Place::Partial(path) if path.exists() => again(|| removal::remove_own(path)),
+            Place::Partial(_) => Ok(()),
+            Place::Resumable(path) => removal::remove_temporaries(path),
+        };
+    }
 }
 
 /// Makes writes beyond the file size limit of the process (`ulimit -f`) fail with an error and a path, in

@@ -8,9 +8,12 @@ use serde::Deserialize;
 
 use super::checksums::{self, SHA256SUMS};
 use super::input::read_text;
-use super::journal::{self, JOURNAL, TEMPORARY};
+use super::journal::{self, JOURNAL, Journal, TEMPORARY};
 use super::walk::files_below;
 use crate::error::{Error, Result};
+
+/// Name of a dataset's manifest.
+pub(super) const MANIFEST: &str = "datapackage.json";
 
 /// Files that microsig wrote into a folder, from its journal and from the checksums of a dataset: a dataset
 /// loses its journal when it is finished, and gets another one if it is resumed after that. `None` if it has
@@ -43,7 +46,7 @@ fn in_checksums(folder: &Path) -> Result<Option<BTreeSet<String>>> {
     struct Generator {
         generator: String,
     }
-    let (sums, manifest) = (folder.join(SHA256SUMS), folder.join("datapackage.json"));
+    let (sums, manifest) = (folder.join(SHA256SUMS), folder.join(MANIFEST));
     if !sums.is_file() || !manifest.is_file() {
         return Ok(None);
     }
@@ -111,14 +114,29 @@ fn walk(
     Ok(())
 }
 
+/// The files in an order in which a later run can complete the removal after a crash: lists last, and of a dataset, whose
+/// checksums are no list without its manifest, a journal of these two.
+fn files_to_remove(mut files: Vec<PathBuf>, folders: &[PathBuf]) -> Vec<PathBuf> {
+    for folder in folders.iter().filter(|folder| folder.join(SHA256SUMS).is_file()) {
+        // Best effort: a full disk is no reason not to remove files.
+        let _ = Journal::open(folder).and_then(|journal| {
+            journal.started(SHA256SUMS.to_owned())?;
+            journal.started(MANIFEST.to_owned())
+        });
+        files.push(folder.join(JOURNAL));
+    }
+    let is_list = |path: &Path| path.ends_with(SHA256SUMS) || path.ends_with(MANIFEST);
+    files.sort_by_key(|path| (path.ends_with(JOURNAL), is_list(path)));
+    files
+}
+
 /// Removes a folder that contains only files written by microsig.
 ///
 /// # Errors
 /// Files that microsig did not write: they are named, and nothing is removed; an I/O error.
-pub(super) fn remove_own(folder: &Path) -> Result<()> {
-    let (mut files, folders) = plan(folder)?;
-    // The lists are removed last, so that the removal can be completed after a crash.
-    files.sort_by_key(|path| path.ends_with(JOURNAL) || path.ends_with(SHA256SUMS));
+pub fn remove_own(folder: &Path) -> Result<()> {
+    let (files, folders) = plan(folder)?;
+    let files = files_to_remove(files, &folders);
     let gone = |e: &std::io::Error| e.kind() == std::io::ErrorKind::NotFound;
     for file in files {
         std::fs::remove_file(&file)
@@ -141,4 +159,28 @@ pub(super) fn remove_temporaries(folder: &Path) -> Result<()> {
         std::fs::remove_file(&path).map_err(Error::write(&path))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A dataset without a journal, which is removed file by file as if each step were the last of a process.
+    #[test]
+    fn a_removal_that_is_cut_off_can_be_completed() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("set");
+        let sums = ["a", MANIFEST].map(|file| format!("{:064x}  {file}\n", 0)).concat();
+        for kept in 0..4 {
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join(MANIFEST), r#"{"microsig": {"generator": "microsig"}}"#).unwrap();
+            std::fs::write(folder.join(SHA256SUMS), &sums).unwrap();
+            std::fs::write(folder.join("a"), "1").unwrap();
+            let files = files_to_remove(plan(&folder).unwrap().0, std::slice::from_ref(&folder));
+            assert_eq!(files.len(), 4);
+            files[..files.len() - kept].iter().for_each(|file| std::fs::remove_file(file).unwrap());
+            remove_own(&folder).unwrap();
+            assert!(!folder.exists());
+        }
+    }
 }

@@ -55,7 +55,7 @@ use storage::advice;
 use storage::advice::option;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
-use storage::folder::{Earlier, Partial};
+use storage::folder::{Earlier, Partial, remove_own};
 
 /// Options of a release.
 #[derive(Debug, Clone)]
@@ -148,7 +148,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let folder = partial.folder().nested("val")?;
     make(&val, &folder, options.progress.clone())?;
     whole(&folder)?.zip(&format!("{name}-val"), &public, &archive("val"))?;
-    std::fs::remove_dir_all(&folder).map_err(Error::write(&folder))?;
+    remove_own(&folder)?;
 
     let folder = withheld.nested("test")?;
     make(&test, &folder, options.progress.clone())?;
