@@ -17,7 +17,7 @@ _Path = str | os.PathLike[str]
 
 def import_recording(
     images: _Path | Sequence[_Path],
-    scan: _Path,
+    scan: _Path | None,
     out: _Path,
     *,
     z: _Path | None = None,
@@ -41,21 +41,21 @@ def import_recording(
     force: bool = False,
     progress: Progress = False,
 ) -> Dataset:
-    """Make a folder like a dataset's from recorded images and a calibration scan, as ``microsig import`` does, and open it.
+    """Make a folder like a dataset's from recorded images, with a calibration scan or without, as ``microsig import`` does, and open it.
 
     :param images: TIFF files of 8 or 16 bit with one page or many, folders, or names with ``*`` and ``?``
-    :param scan: the calibration scan: a file of pages, or a folder
+    :param scan: the calibration scan: a file of pages, or a folder; None: images in focus, for ``piv`` and ``spots``
     :param out: the new folder
     :param z: stage positions of the scan: a CSV file with ``page`` (from 0) or ``image``, and ``z_um``
-    :param z_step_um: step of the stage between pages, instead of ``z``
+    :param z_step_um: step of the stage between planes, instead of ``z``
     :param z_toward: stage positions increase toward the lens
     :param magnification: magnification of the microscope, with ``pixel_size_um``; by default that of ``optics``
     :param pixel_size_um: edge of a pixel on the sensor, um
     :param optics: a scenario with the optics, such as ``microsig fit`` writes; for ``mle``
     :param dt_s: time between frames, or between the frames of a pair, s
-    :param pairs: frames 2k and 2k + 1 are an image pair
+    :param pairs: frames 2k and 2k + 1 are an image pair; files whose names differ in a and b only are paired by these
     :param pages_per_time: pages of a file that belong to one time; by default as the file says
-    :param page: which of these is the image, from 0
+    :param page: which of these is the image, from 0; also the channel of a scan that states several
     :param truth: CSV files with ``frame, z_um`` (heights of planes) or ``frame, x_px, y_px`` (positions of particles)
     :param all_particles: the known positions are those of all particles of their frames
     :param dark: an image without light, of one page or many
@@ -80,7 +80,7 @@ def import_recording(
         um_per_px = real("pixel_size_um", pixel_size_um, *ranges["pixel_size_um"]) / magnification
     how = {
         "images": _paths(images),
-        "scan": Path(scan),
+        "scan": _path(scan),
         "z": _path(z),
         "z_step_um": None if z_step_um is None else real("z_step_um", z_step_um, -farthest_um, farthest_um),
         "z_toward": flag("z_toward", z_toward),

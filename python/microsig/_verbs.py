@@ -175,6 +175,7 @@ def fit(
     fluid: float | None = None,
     fluid_depth_um: float | None = None,
     field: bool = False,
+    page: int | None = None,
     planes: tuple[int, int] | None = None,
     window_px: int | None = None,
     bootstrap: int = 0,
@@ -210,6 +211,7 @@ def fit(
     :param fluid: refractive index of the fluid below a cover slip of 0.17 mm, with ``waves``
     :param fluid_depth_um: depth of the plane in focus below the cover slip, um, from which the fit starts, with ``fluid``
     :param field: fit how the optics vary over the field of view, with ``waves`` and ``diameter_um``
+    :param page: the channel with the particles, from 0, if the file states several
     :param planes: first and last plane to use, counted from 0
     :param window_px: width of the window around each particle, 7 to 129 px; from the images if None
     :param bootstrap: number of resamples of the particles for a second estimate of standard deviations
@@ -255,6 +257,7 @@ def fit(
         "fluid": optional(real, "fluid", fluid),
         "fluid_depth_um": optional(real, "fluid_depth_um", fluid_depth_um),
         "field": flag("field", field),
+        "page": None if page is None else whole("page", page, 0, 2**31),
         "planes": None if planes is None else _planes(planes),
         "window_px": optional(whole, "window_px", window_px, 7, 129),
         "bootstrap": whole("bootstrap", bootstrap, 0, 10_000),

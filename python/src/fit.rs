@@ -53,6 +53,8 @@ struct How {
     #[pyo3(item)]
     field: bool,
     #[pyo3(item)]
+    page: Option<usize>,
+    #[pyo3(item)]
     planes: Option<(usize, usize)>,
     #[pyo3(item)]
     window_px: Option<usize>,
@@ -207,7 +209,10 @@ fn fit_scan(
             (None, None) => StagePositions::FromFile,
         };
         let mut scan = match (file, planes) {
-            (Some(path), _) => Scan::read(&path, &positions)?,
+            (Some(path), _) => Scan::read(&path, &positions, how.page)?,
+            (None, Some(_)) if how.page.is_some() => {
+                return Err(storage::Error::input("page: expected with a file or folder"));
+            }
             (None, Some(([height, width], planes, full_scale))) => {
                 let stage_um = positions.of_planes(planes.len())?;
                 Scan::new((width, height), planes, stage_um, full_scale)?

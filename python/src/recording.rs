@@ -20,7 +20,7 @@ struct How {
     #[pyo3(item)]
     page: Option<usize>,
     #[pyo3(item)]
-    scan: PathBuf,
+    scan: Option<PathBuf>,
     #[pyo3(item)]
     z: Option<PathBuf>,
     #[pyo3(item)]

@@ -264,7 +264,7 @@ fn images_that_cannot_be_imported_are_refused_by_file_page_and_value() {
         ("cropped.tif", vec![], "cropped.tif: page 0: 100 x 80 px: expected 240 x 240 px, as the scan"),
         ("text.tif", vec![], "text.tif: "),
         ("nothing*.tif", vec![], "no file has such a name"),
-        ("run.ome.tif", vec![], "2 pages for each time (OME-XML): give --page, 0 to 1"),
+        ("run.ome.tif", vec![], "2 pages for each time (2 channels, OME-XML): give --page, 0 to 1"),
         ("run.ome.tif", vec!["--page", "2"], "--page 2"),
         (
             "run.ome.tif",

@@ -1,15 +1,15 @@
 //! A calibration scan: images of particles at rest at known stage positions.
 
-use std::io::{BufReader, Read, Seek};
+mod files;
+
 use std::path::Path;
 
-use microsig_core::formats::pages::{PageSize, Pages};
 use serde::Deserialize;
 
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
-use storage::{InputFile, input};
+use storage::InputFile;
 
 /// Minimum number of planes.
 const MIN_PLANES: usize = 7;
@@ -62,36 +62,23 @@ impl StagePositions {
     /// # Errors
     /// A table that cannot be read or does not have a row for each plane; [`StagePositions::FromFile`].
     pub fn of_planes(&self, n: usize) -> Result<Vec<f64>> {
-        let unknown =
-            || advice!("stage positions are unknown; give ", option("z"), " or ", option("z_step_um"));
-        self.find(&[], n).transpose().unwrap_or_else(|| Err(Error::option(unknown())))
-    }
-
-    /// The positions of `n` planes of files with these names; `None` if the file states them.
-    fn find(&self, names: &[String], n: usize) -> Result<Option<Vec<f64>>> {
-        Ok(match self {
-            StagePositions::Table(file) => Some(read_positions(file, names, n)?),
+        match self {
+            StagePositions::Table(file) => read_positions(file, &[], n)?.into_iter().collect::<Option<_>>(),
             StagePositions::Given(stage_um) => Some(stage_um.clone()),
-            StagePositions::Step(step) if !step.is_finite() => {
-                return Err(Error::option(advice!(
-                    option("z_step_um").of(step),
-                    ": expected a finite number"
-                )));
-            }
-            StagePositions::Step(step) => Some((0..n).map(|i| step * i as f64).collect()),
+            StagePositions::Step(step) => Some(steps(*step, 0..n)?),
             StagePositions::FromFile => None,
+        }
+        .ok_or_else(|| {
+            Error::option(advice!("stage positions are unknown; give ", option("z"), " or ", option("z_step_um")))
         })
     }
 }
 
-/// The planes of a file or folder, without their positions.
-struct Planes {
-    width: usize,
-    height: usize,
-    planes: Vec<Vec<u16>>,
-    names: Vec<String>,
-    full_scale: u16,
-    spacing_um: Option<f64>,
+fn steps(step: f64, planes: impl Iterator<Item = usize>) -> Result<Vec<f64>> {
+    if !step.is_finite() {
+        return Err(Error::option(advice!(option("z_step_um").of(step), ": expected a finite number")));
+    }
+    Ok(planes.map(|plane| step * plane as f64).collect())
 }
 
 impl Scan {
@@ -127,26 +114,15 @@ impl Scan {
     }
 
     /// Reads a scan from a multi-page TIFF, or from a folder of TIFF files in the natural order of their
-    /// names.
+    /// names. Where a file states slices and times, times are repeated frames of their slice. `channel`: the
+    /// one to read if it states several.
     ///
     /// # Errors
     /// [`Error::Input`] if an image cannot be read, is not gray, or if positions are missing, not monotonic
-    /// or too few.
-    pub fn read(path: &Path, positions: &StagePositions) -> Result<Scan> {
-        let planes = if path.is_dir() { read_folder(path)? } else { read_pages(path)? };
-        let n = planes.planes.len();
-        let mut warnings = Vec::new();
-        let stage_um = match positions.find(&planes.names, n)? {
-            Some(stage_um) => stage_um,
-            None => {
-                let step = planes.spacing_um.ok_or_else(|| {
-                    let what = format!("{}: stage positions are unknown; give ", path.display());
-                    Error::option(advice!(what, option("z"), " or ", option("z_step_um")))
-                })?;
-                warnings.push(format!("stage step of {step} um taken from the image description"));
-                (0..n).map(|i| step * i as f64).collect()
-            }
-        };
+    /// or too few; [`Error::Options`] if the channel is not one of the file's.
+    pub fn read(path: &Path, positions: &StagePositions, channel: Option<usize>) -> Result<Scan> {
+        let mut found = files::ScanFiles::read(path, channel)?;
+        let (stage_um, warnings) = found.positions(path, positions)?;
         let named = |name: String| {
             move |e: Error| match e {
                 Error::Input(what) => Error::input(format!("{name}: {}", what.join("; "))),
@@ -156,10 +132,17 @@ impl Scan {
         if let StagePositions::Table(file) = positions {
             check_monotonic(&stage_um).map_err(named(file.display().to_string()))?;
         }
-        let Planes { width, height, planes, full_scale, .. } = planes;
-        let scan = Scan::new((width, height), planes, stage_um, full_scale)
+        let scan = Scan::new((found.width, found.height), found.counts(), stage_um, found.full_scale)
             .map_err(named(path.display().to_string()))?;
         Ok(Scan { warnings, ..scan })
+    }
+
+    /// Number of channels that the file of a scan, or the first of a folder, states.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn channels(path: &Path) -> Result<usize> {
+        files::channels(path)
     }
 
     /// The scan restricted to planes `first` to `last`, counted from 0.
@@ -239,93 +222,6 @@ fn check_monotonic(stage_um: &[f64]) -> Result<()> {
     Ok(())
 }
 
-fn read_pages(path: &Path) -> Result<Planes> {
-    let file = input::open(path)?;
-    let mut all = Planes {
-        width: 0,
-        height: 0,
-        planes: Vec::new(),
-        names: Vec::new(),
-        full_scale: 0,
-        spacing_um: None,
-    };
-    read_tiff(&mut all, BufReader::new(file), &path.display().to_string())?;
-    Ok(all)
-}
-
-fn read_folder(path: &Path) -> Result<Planes> {
-    let entries = std::fs::read_dir(path).map_err(|e| Error::read(path, e))?;
-    let mut names: Vec<String> = entries
-        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .filter(|name| {
-            let lower = name.to_ascii_lowercase();
-            lower.ends_with(".tif") || lower.ends_with(".tiff")
-        })
-        .collect();
-    names.sort_by(|a, b| natord::compare(a, b));
-    if names.is_empty() {
-        let stacks = std::fs::read_dir(path).map_err(|e| Error::read(path, e))?;
-        let stacks = stacks.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-        let stack = stacks.filter(|name| name.starts_with("d_") && name.ends_with("um")).min();
-        let hint = stack.map_or_else(String::new, |name| {
-            format!(
-                "; this folder contains stacks for several particle sizes; give one of them, such as {name}"
-            )
-        });
-        return Err(Error::input(format!(
-            "{}: no *.tif files: expected one image per plane{hint}",
-            path.display()
-        )));
-    }
-    let mut all = Planes {
-        width: 0,
-        height: 0,
-        planes: Vec::new(),
-        names: Vec::new(),
-        full_scale: 0,
-        spacing_um: None,
-    };
-    for name in names {
-        let file = path.join(&name);
-        let reader = BufReader::new(input::open(&file)?);
-        let before = all.planes.len();
-        read_tiff(&mut all, reader, &file.display().to_string())?;
-        if all.planes.len() != before + 1 {
-            return Err(Error::input(format!(
-                "{}: {} images: expected one per file in a folder",
-                file.display(),
-                all.planes.len() - before
-            )));
-        }
-        all.names.push(name);
-    }
-    Ok(all)
-}
-
-/// Appends all pages of a TIFF file.
-fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) -> Result<()> {
-    let mut pages = Pages::open(reader, name)?;
-    loop {
-        let page = all.planes.len();
-        let size = pages.size()?;
-        if page == 0 {
-            (all.width, all.height) = (size.width as usize, size.height as usize);
-            all.spacing_um = pages.spacing_um();
-        }
-        // Checked before memory is allocated for the pixels.
-        if all.width.saturating_mul(all.height).saturating_mul(page + 1) > MAX_PIXELS {
-            let message = format!("{name}: more than {MAX_PIXELS} pixels: crop the scan or omit planes");
-            return Err(Error::input(message));
-        }
-        let first = PageSize { width: all.width as u32, height: all.height as u32, ..size };
-        all.planes.push(pages.counts(first)?);
-        all.full_scale = all.full_scale.max(if size.bits == 8 { 255 } else { u16::MAX });
-        if !pages.go_on()? {
-            return Ok(());
-        }
-    }
-}
-
 /// A row of the table of stage positions.
 #[derive(Debug, Deserialize)]
 struct Position {
@@ -334,8 +230,8 @@ struct Position {
     z_um: f64,
 }
 
-/// Reads the stage position of each of the `n` planes (um) from a table.
-fn read_positions(file: &InputFile, names: &[String], n: usize) -> Result<Vec<f64>> {
+/// Reads the stage positions (um) of `n` pages, or of the files of a folder with these names, from a table.
+fn read_positions(file: &InputFile, names: &[String], n: usize) -> Result<Vec<Option<f64>>> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.open()?);
     let mut found: Vec<(usize, f64)> = Vec::new();
     for (row, record) in reader.deserialize::<Position>().enumerate() {
@@ -359,17 +255,18 @@ fn read_positions(file: &InputFile, names: &[String], n: usize) -> Result<Vec<f6
         };
         found.push((page, record.z_um));
     }
-    found.sort_by_key(|(page, _)| *page);
     // In a dataset's table, the stacks of several sizes have the same names and depths.
-    found.dedup();
-    if found.len() != n || found.iter().enumerate().any(|(i, (page, _))| i != *page) {
-        return Err(Error::input(format!(
-            "{}: {} positions: expected one for each of the {n} planes, pages counted from 0",
-            file.display(),
-            found.len()
-        )));
+    let mut stage_um = vec![None; n];
+    for (page, z_um) in &found {
+        if stage_um.get_mut(*page).is_none_or(|place| place.replace(*z_um).is_some_and(|other| other != *z_um)) {
+            return Err(Error::input(format!(
+                "{}: page {page} at {z_um} um: expected one position for each page, 0 to {}",
+                file.display(),
+                n - 1
+            )));
+        }
     }
-    Ok(found.into_iter().map(|(_, z)| z).collect())
+    Ok(stage_um)
 }
 
 #[cfg(test)]
@@ -382,12 +279,12 @@ mod tests {
         let file = folder.path().join("z.csv");
         let read = |text: &str| {
             std::fs::write(&file, text).unwrap();
-            read_positions(&InputFile::from(&file), &[], 3).map_err(|e| e.to_string())
+            StagePositions::Table(InputFile::from(&file)).of_planes(3).map_err(|e| e.to_string())
         };
         assert_eq!(read("page,z_um\n2,4\n0,0\n1,2\n"), Ok(vec![0.0, 2.0, 4.0]));
-        for text in ["page,z_um\n0,0\n1,2\n", "page,z_um\n0,0\n1,2\n2,4\n3,6\n", "page,z_um\n0,0\n1,2\n1,4\n"]
-        {
-            assert!(read(text).unwrap_err().contains("expected one for each of the 3 planes"), "{text}");
+        assert!(read("page,z_um\n0,0\n1,2\n").unwrap_err().contains("positions are unknown"));
+        for text in ["page,z_um\n0,0\n1,2\n2,4\n3,6\n", "page,z_um\n0,0\n1,2\n1,4\n"] {
+            assert!(read(text).unwrap_err().contains("one position for each page, 0 to 2"), "{text}");
         }
         assert!(read("page,z_um\n0,NaN\n").unwrap_err().contains("z.csv:2: z_um = NaN"));
     }
@@ -401,11 +298,83 @@ mod tests {
             [["calibration/images/00001.tif", "calibration/images/00000.tif"], ["00001.tif", "00000"]]
         {
             std::fs::write(&file, format!("image,z_um\n{},6\n{},0\n", images[0], images[1])).unwrap();
-            assert_eq!(read_positions(&InputFile::from(&file), &names, 2).unwrap(), [0.0, 6.0]);
+            assert_eq!(read_positions(&InputFile::from(&file), &names, 2).unwrap(), [Some(0.0), Some(6.0)]);
         }
         std::fs::write(&file, "image,z_um\na/1.tif,6\n").unwrap();
         let message = read_positions(&InputFile::from(&file), &names, 2).unwrap_err().to_string();
         assert!(message.contains("stack.csv:2: image \"a/1.tif\" is not in the scan's folder"), "{message}");
+    }
+
+    /// A file of `tests/data/tiff`, whose script says what its counts are.
+    fn read(name: &str, channel: Option<usize>, positions: &StagePositions) -> std::result::Result<Scan, String> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/tiff");
+        let scan = Scan::read(&folder.join(name), positions, channel).map_err(|e| e.to_string())?;
+        // Planes by their counts, of which the file may state other positions.
+        let planes = scan.planes.iter().map(|counts| counts[0] % 100 / 10).collect::<Vec<_>>();
+        let repeats = scan.planes.len() / 7;
+        assert_eq!(planes, (0..7).flat_map(|z| vec![z; repeats]).collect::<Vec<_>>(), "{name}");
+        Ok(scan)
+    }
+
+    #[test]
+    fn frames_of_other_programs_are_in_their_planes() {
+        let step = |step_um: f64| (0..7).map(|z| step_um * f64::from(z)).collect::<Vec<_>>();
+        let uneven: Vec<f64> = (0..7).map(|z| f64::from(z * z) / 4.0).collect();
+        for (name, channel, repeats, z_um) in [
+            ("imagej_tz.tif", None, 3, step(2.0)),
+            ("imagej_zc.tif", Some(1), 1, step(2.0)),
+            ("imagej_large.tif", None, 1, step(2.0)),
+            ("imagej_nm.tif", None, 1, step(2.0)),
+            ("latin1.tif", None, 1, step(2.0)),
+            ("ome_zt.ome.tif", None, 3, step(2.0)),
+            ("ome_falling.ome.tif", None, 1, step(-2.0).into_iter().rev().collect()),
+            ("ome_uneven.ome.tif", None, 1, uneven),
+            ("ome_only.ome.tif", None, 1, step(2.0)),
+            ("set", None, 1, step(2.0)),
+        ] {
+            let scan = read(name, channel, &StagePositions::FromFile).unwrap();
+            let levels = scan.levels();
+            assert_eq!(levels.iter().map(|level| level.z_um).collect::<Vec<_>>(), z_um, "{name}");
+            assert!(levels.iter().all(|level| level.planes.len() == repeats), "{name}");
+            assert_eq!(scan.warnings.len(), 1, "{:?}", scan.warnings);
+            let contradicts = scan.warnings[0].contains("contradicts");
+            assert_eq!(contradicts, name == "ome_uneven.ome.tif", "{:?}", scan.warnings);
+            assert_eq!(scan.planes[0][9], 1000 * channel.unwrap_or(0) as u16 + 9);
+        }
+        // A step counts planes, whatever else is between them; times alone are planes only if a step is given.
+        for (name, repeats) in [("tifffile_zt.tif", 3), ("imagej_tz.tif", 3), ("imagej_t.tif", 1), ("white.tif", 1)] {
+            let scan = read(name, None, &StagePositions::Step(0.5)).unwrap();
+            assert_eq!((scan.levels().len(), scan.levels()[6].z_um, scan.planes.len()), (7, 3.0, 7 * repeats), "{name}");
+        }
+        let given = StagePositions::Given(step(-1.0));
+        assert_eq!(read("imagej_tz.tif", None, &given).unwrap().stage_um[20], -6.0);
+    }
+
+    #[test]
+    fn statements_that_tell_no_scan_are_refused() {
+        let own = &StagePositions::FromFile;
+        for (name, channel, found) in [
+            ("imagej_zc.tif", None, "2 channels (ImageJ): expected --page to be one of 0 to 1"),
+            ("imagej_zc.tif", Some(2), "--page 2 to be one of 0 to 1"),
+            ("white.tif", Some(1), "1 channel (nothing is stated): expected --page 1 to be one of 0 to 0"),
+            ("imagej_t.tif", None, "ImageJ states 7 times of one slice, which are no scan; give --z or --z-step"),
+            ("ome_fixed.ome.tif", None, "the position 5 um for all planes, and a step of 2 um; give --z"),
+            ("tifffile_zt.tif", None, "stage positions are unknown"),
+            ("set/part_0.ome.tif", None, "4 of 7 frames of a set of files (OME-XML): expected a folder with all of it"),
+            ("colors.tif", None, "a palette of colors"),
+        ] {
+            let message = read(name, channel, own).unwrap_err();
+            assert!(message.contains(found), "{name}: {message}");
+        }
+    }
+
+    #[test]
+    fn counts_are_those_in_the_file() {
+        let counts = |name: &str| read(name, None, &StagePositions::Step(1.0)).unwrap().planes;
+        let expected = counts("tifffile_zt.tif").into_iter().step_by(3).collect::<Vec<_>>();
+        for name in ["white.tif", "zstd.tif", "palette.tif", "packed_10.tif", "packed_12.tif", "imagej_large.tif"] {
+            assert_eq!(counts(name), expected, "{name}");
+        }
     }
 
     #[test]

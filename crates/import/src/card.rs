@@ -5,6 +5,7 @@ use storage::OutputFolder;
 use storage::error::Result;
 
 use super::manifest::About;
+use super::stacks::Stacks;
 
 /// Writes the card.
 ///
@@ -15,38 +16,34 @@ pub(crate) fn write(folder: &OutputFolder, about: &About<'_>) -> Result<()> {
 }
 
 fn text(about: &About<'_>) -> String {
-    let (made, size) = (about.made, about.frames.size());
-    let [low, high] = about.depths_um();
-    let gates = ScoringGates::over(high - low);
-    let optics = about.model.map_or_else(
-        || "unknown: `mle` needs them (`microsig fit`, then `import --optics`)".to_owned(),
-        |model| {
-            format!("{}; z = 0 of this model is at {:.2} um of the stage", model.description, model.zero_um)
-        },
-    );
+    let size = about.frames.size();
+    let pairs = if about.frames.are_pairs() { " within a pair" } else { "" };
+    let dt = about.options.dt_s.map_or_else(|| "unknown".to_owned(), |dt_s| format!("{dt_s} s{pairs}"));
+    let calibrated = about.made.zip(about.depths_um());
+    let [what, rows, gates, files] = match calibrated {
+        Some((made, depths_um)) => calibration(about, made, depths_um),
+        None => [
+            "without a calibration: particles in focus, for `piv` and `spots`".to_owned(),
+            String::new(),
+            format!("{} px in the image", ScoringGates::XY_PX),
+            String::new(),
+        ],
+    };
+    let depth = if calibrated.is_some() { DEPTH } else { "" };
     format!(
         "# {name}\n\n\
-         Recorded images with a calibration from a scan: {frames} frames.\n\n\
+         Recorded images {what}: {frames} frames.\n\n\
          ![some of the frames](preview.png)\n\n\
          | | |\n|---|---|\n\
          | images | {width} x {height} px, {um_per_px:.4} um per px; {images} |\n\
-         | time between frames | {dt} |\n\
-         | optics | {optics} |\n\
-         | depths | {low} to {high} um, positions of the stage, which increase {direction} the lens{turned} |\n\
-         | calibration | {steps} depths, {stacks} |\n\
-         | best focus | {focus} |\n\
-         | noise of a frame | {noise} |\n\
+         | time between frames | {dt} |\n{rows}\
          | known | {known} |\n\
-         | gates for scoring | {xy} px in the image, {z} um in depth |\n\n\
+         | gates for scoring | {gates} |\n\n\
          ## Axes and units\n\n{axes}\n\n\
          ## Files\n\n\
-         - `images/`: the frames. `truth/frames.csv`: their times.\n\
-         - `calibration/`: images of a particle at each depth, the average of several particles of the scan; \
-         `calibration.csv` has the depth of each{place_columns}.\n\
+         - `images/`: the frames. `truth/frames.csv`: their times.\n{files}\
          - `truth/planes.csv`, `truth/tracks.csv` (if there): what is known.\n\
-         - `datapackage.json`: all columns with their units; `kind` is `recording`.\n\n\
-         The depth of a calibration image is the position of the stage, and its particle is on the middle pixel at all depths: a \
-         tilted or curved focal surface, and images that move with depth, are part of the calibration of each place.\n\n\
+         - `datapackage.json`: all columns with their units; `kind` is `recording`.\n\n{depth}\
          Imported by microsig {GENERATOR_VERSION}; `sha256sum -c SHA256SUMS` or `microsig verify` checks the files.\n",
         name = about.name,
         frames = about.frames.len(),
@@ -54,22 +51,45 @@ fn text(about: &About<'_>) -> String {
         height = size.height,
         um_per_px = about.um_per_px,
         images = images(about),
-        dt = about.options.dt_s.map_or_else(
-            || "unknown".to_owned(),
-            |dt_s| format!("{dt_s} s{}", if about.frames.are_pairs() { " within a pair" } else { "" })
-        ),
-        direction = "away from",
-        turned = if about.options.toward_lens { " (signs of the scan's positions turned)" } else { "" },
-        steps = made.depths_um.len(),
-        stacks = stacks(about),
-        focus = focus(about),
-        noise = noise(about.noise),
         known = known(about),
-        xy = gates.xy_px,
-        z = gates.z_um,
         axes = coordinates(crate::manifest::ZERO),
-        place_columns = if made.is_field { ", and the place of each stack in the frames" } else { "" },
     )
+}
+
+const DEPTH: &str = "The depth of a calibration image is the position of the stage, and its particle is on the middle pixel at all depths: a \
+     tilted or curved focal surface, and images that move with depth, are part of the calibration of each place.\n\n";
+
+/// What the card says of a calibration: in the first sentence, in rows of the table, of the gates and the files.
+fn calibration(about: &About<'_>, made: &Stacks, [low, high]: [f64; 2]) -> [String; 4] {
+    let optics = about.model.map_or_else(
+        || "unknown: `mle` needs them (`microsig fit`, then `import --optics`)".to_owned(),
+        |model| {
+            format!("{}; z = 0 of this model is at {:.2} um of the stage", model.description, model.zero_um)
+        },
+    );
+    let turned = if about.options.toward_lens { " (signs of the scan's positions turned)" } else { "" };
+    let rows = format!(
+        "| optics | {optics} |\n\
+         | depths | {low} to {high} um, positions of the stage, which increase away from the lens{turned} |\n\
+         | calibration | {steps} depths, {stacks} |\n\
+         | best focus | {focus} |\n\
+         | noise of a frame | {noise} |\n",
+        steps = made.depths_um.len(),
+        stacks = stacks(about, made),
+        focus = focus(made),
+        noise = about.noise.map_or_else(String::new, noise),
+    );
+    let gates = ScoringGates::over(high - low);
+    let place_columns = if made.is_field { ", and the place of each stack in the frames" } else { "" };
+    [
+        "with a calibration from a scan".to_owned(),
+        rows,
+        format!("{} px in the image, {} um in depth", gates.xy_px, gates.z_um),
+        format!(
+            "- `calibration/`: images of a particle at each depth, the average of several particles of the scan; \
+             `calibration.csv` has the depth of each{place_columns}.\n"
+        ),
+    ]
 }
 
 fn images(about: &About<'_>) -> String {
@@ -88,8 +108,7 @@ fn images(about: &About<'_>) -> String {
     }
 }
 
-fn stacks(about: &About<'_>) -> String {
-    let made = about.made;
+fn stacks(about: &About<'_>, made: &Stacks) -> String {
     let n = |place: &dataset::manifest::PlaceFacts| place.particles.unwrap_or(0);
     if !made.is_field {
         return format!(
@@ -107,8 +126,7 @@ fn stacks(about: &About<'_>) -> String {
 }
 
 /// Depths of best focus, and how much they differ over the field.
-fn focus(about: &About<'_>) -> String {
-    let made = about.made;
+fn focus(made: &Stacks) -> String {
     let middle = made.focus_um(made.central());
     if !made.is_field {
         return format!("{middle} um");

@@ -20,6 +20,19 @@ pub(crate) fn radii(scan: &Scan, levels: &[Level], located: &Located) -> Vec<usi
     levels.par_iter().map(|level| radius(scan, level, located)).collect()
 }
 
+/// Half the distance to the nearest other particle, px, which a quarter of the particles exceed: beyond it,
+/// light is mostly that of others.
+pub(crate) fn half_spacing(located: &Located) -> usize {
+    let nearest = |k: usize| {
+        let away = |other: &[f64; 2]| (other[0] - located.places[k][0]).hypot(other[1] - located.places[k][1]);
+        let others = located.places.iter().enumerate().filter(|(j, _)| *j != k);
+        others.map(|(_, other)| away(other)).fold(f64::INFINITY, f64::min)
+    };
+    let mut spacing: Vec<f64> = (0..located.places.len()).into_par_iter().map(nearest).collect();
+    spacing.sort_by(f64::total_cmp);
+    spacing.get(3 * spacing.len() / 4).map_or(usize::MAX, |px| (0.5 * px) as usize)
+}
+
 fn radius(scan: &Scan, level: &Level, located: &Located) -> usize {
     let most = LARGEST.min(scan.width.min(scan.height) / 4).max(1);
     let inside = |at: &&[f64; 2]| {

@@ -5,13 +5,14 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use generator::dataset::ContactSheet;
-use microsig_core::formats::pages::{PageOrder, PageSize, Pages};
+use microsig_core::formats::pages::{PageSize, Pages};
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::sensor::{Counts, Image};
 use storage::advice;
 use storage::advice::{flag, option};
 use storage::error::{Error, MOST_SHOWN, Result};
 use storage::{OutputFolder, Placed, input};
+use tracking::GrayImage;
 
 use super::correction::Correction;
 use super::{ImportOptions, files};
@@ -27,8 +28,9 @@ const SATURATED_PIXELS: usize = 3;
 struct Source {
     file: usize,
     page: usize,
-    /// Whether the file has no other page.
-    is_alone: bool,
+    time: usize,
+    /// Whether the file is the image: it has no other page, and any program reads its counts.
+    is_image: bool,
 }
 
 /// The frames of a recording, in order.
@@ -49,24 +51,31 @@ pub(crate) struct Written {
     pub(crate) copied: usize,
     /// Images written from pages of files, or after a correction.
     pub(crate) written: usize,
+    /// Mean and standard deviation of the background of the first frame, counts.
+    pub(crate) background: [f64; 2],
     /// Warnings about the images.
     pub(crate) warnings: Vec<String>,
 }
 
 impl Frames {
-    /// Finds the frames in the files, and checks that all are gray counts of the size of the scan.
+    /// Finds the frames in the files, and checks that all are gray counts of the size of the scan, or without
+    /// one of the first image.
     ///
     /// # Errors
     /// Files that are no such images; pages that cannot be divided into times.
-    pub(crate) fn find(options: &ImportOptions, scan: (usize, usize)) -> Result<Self> {
-        let files = files::of(&options.images)?;
-        let (mut sources, mut bits, mut problems) = (Vec::new(), 8, Vec::new());
+    pub(crate) fn find(options: &ImportOptions, scan: Option<(usize, usize)>) -> Result<Self> {
+        let mut files = files::of(&options.images)?;
+        let named = if options.pairs { files::paired(&files)? } else { None };
+        let are_named = named.is_some();
+        files = named.unwrap_or(files);
+        let (mut sources, mut problems) = (Vec::new(), Vec::new());
+        let mut size = scan.map(|(width, height)| PageSize { width: width as u32, height: height as u32, bits: 8 });
+        let mut sets: Vec<Option<(Vec<String>, usize)>> = Vec::new();
         for (number, file) in files.iter().enumerate() {
-            match pages_of(file, options, scan) {
-                Ok((pages, of_file)) => {
-                    bits = bits.max(of_file.bits);
-                    let is_alone = of_file.pages == 1;
-                    sources.extend(pages.into_iter().map(|page| Source { file: number, page, is_alone }));
+            match pages_of(number, file, options, (&mut size, scan.is_some())) {
+                Ok((pages, set)) => {
+                    sources.extend(pages);
+                    sets.push(set);
                 }
                 Err(e) => problems.extend(e.problems()),
             }
@@ -77,11 +86,28 @@ impl Frames {
         if !problems.is_empty() {
             return Err(Error::Input(problems));
         }
+        if let Some((set, times)) = sets.iter().flatten().next() {
+            sources.sort_by_key(|source| source.time);
+            let is_whole = sources.iter().map(|source| source.time).eq(0..*times);
+            if !is_whole || sets.iter().any(|of| of.as_ref().is_none_or(|(other, _)| other != set)) {
+                return Err(Error::input(format!(
+                    "{}: {} of {times} times of a set of files (OME-XML): expected all files of one set: {}",
+                    files[0].display(),
+                    sources.len(),
+                    set.join(", ")
+                )));
+            }
+        }
+        if are_named && sources.len() != files.len() {
+            let what = "several images in files whose names tell a and b of pairs: expected one in each";
+            return Err(Error::input(format!("{}: {what}", files[0].display())));
+        }
         if options.pairs && !sources.len().is_multiple_of(2) {
             let what = format!(" with {} images: expected an even number", sources.len());
             return Err(Error::option(advice!(flag("pairs"), what)));
         }
-        let size = PageSize { width: scan.0 as u32, height: scan.1 as u32, bits };
+        // There is at least one file, and each has a page.
+        let size = size.unwrap_or(PageSize { width: 0, height: 0, bits: 8 });
         Ok(Frames { files, sources, size, pairs: options.pairs })
     }
 
@@ -132,7 +158,7 @@ impl Frames {
             options.progress.check()?;
             let file = &self.files[source.file];
             let mut pages = match open.take() {
-                Some((number, pages)) if number == source.file => pages,
+                Some((number, pages)) if number == source.file && pages.page() <= source.page => pages,
                 _ => opened(file)?,
             };
             while pages.page() < source.page {
@@ -143,7 +169,7 @@ impl Frames {
                 saturated.push(format!("{}: page {}: {n} px at {level} counts", file.display(), source.page));
             }
             let path = self.path(frame);
-            let is_kept = source.is_alone && correction.is_none();
+            let is_kept = source.is_image && correction.is_none();
             let image = |counts| Image {
                 width: self.size.width,
                 height: self.size.height,
@@ -159,6 +185,14 @@ impl Frames {
             } else {
                 correction.apply(&mut counts);
                 written.written += 1;
+            }
+            if frame == 0 {
+                let gray = GrayImage {
+                    width: self.size.width as usize,
+                    height: self.size.height as usize,
+                    counts: counts.iter().copied().map(f32::from).collect(),
+                };
+                written.background = <[f32; 2]>::from(gray.background()).map(f64::from);
             }
             let image = image(counts);
             if shown {
@@ -182,48 +216,57 @@ fn opened(file: &Path) -> Result<Pages<BufReader<std::fs::File>>> {
     Ok(Pages::open(BufReader::with_capacity(1 << 16, input::open(file)?), &file.display().to_string())?)
 }
 
-/// Number of pages of a file and bits of its pixels.
-struct OfFile {
-    pages: usize,
-    bits: u8,
-}
-
-/// The pages of a file that are frames, in the order of times.
-fn pages_of(file: &Path, options: &ImportOptions, scan: (usize, usize)) -> Result<(Vec<usize>, OfFile)> {
+/// The frames of a file, in the order of times, and the set of files that it is part of, with the times of the
+/// set. `size`: of all images, if it is known, and whether it is that of the scan.
+#[allow(clippy::type_complexity)]
+fn pages_of(
+    number: usize,
+    file: &Path,
+    options: &ImportOptions,
+    (size, is_scan): (&mut Option<PageSize>, bool),
+) -> Result<(Vec<Source>, Option<(Vec<String>, usize)>)> {
     let name = file.display();
     let mut pages = opened(file)?;
-    let order = pages.order();
-    let mut bits = 8;
+    let mut is_plain = true;
     loop {
-        let size = pages.size()?;
-        bits = bits.max(size.bits);
-        if (size.width as usize, size.height as usize) != scan {
-            return Err(Error::input(format!(
-                "{name}: page {}: {} x {} px: expected {} x {} px, as the scan; calibration images are for a place of the field of \
-                 view, so crop both in the same way",
-                pages.page(),
-                size.width,
-                size.height,
-                scan.0,
-                scan.1
-            )));
+        let found = pages.size()?;
+        let expected = size.get_or_insert(found);
+        if (found.width, found.height) != (expected.width, expected.height) {
+            let why = if is_scan {
+                "as the scan; calibration images are for a place of the field of view, so crop both in the same way"
+            } else {
+                "as the first image"
+            };
+            let [a, b, c, d] = [found.width, found.height, expected.width, expected.height];
+            let page = pages.page();
+            return Err(Error::input(format!("{name}: page {page}: {a} x {b} px: expected {c} x {d} px, {why}")));
         }
+        expected.bits = expected.bits.max(found.bits);
+        is_plain &= pages.is_plain();
         if !pages.go_on()? {
             break;
         }
     }
     let n = pages.page() + 1;
-    let order = order.filter(|order| order.pages() == n);
-    let per_time = options.pages_per_time.or(order.as_ref().map(PageOrder::per_time)).unwrap_or(1);
-    if per_time == 0 || !n.is_multiple_of(per_time) {
+    let stated = if options.pages_per_time.is_none() { pages.arrangement(n)? } else { None };
+    let [channels, slices, times] =
+        stated.as_ref().map_or([options.pages_per_time.unwrap_or(1), 1, n], |of| of.sizes);
+    // Programs write sequences as slices, too.
+    let are_slices_times = times == 1 && slices > 1;
+    let per_time = if are_slices_times { channels } else { channels.saturating_mul(slices) };
+    if stated.is_none() && (per_time == 0 || !n.is_multiple_of(per_time)) {
         let what = format!("{name}: {n} pages: expected a multiple of ");
         return Err(Error::option(advice!(what, option("pages_per_time").of(per_time))));
     }
-    let page = match (options.page, per_time) {
+    let chosen = match (options.page, per_time) {
         (None, 1) => 0,
         (None, _) => {
-            let by = order.filter(|_| options.pages_per_time.is_none());
-            let by = by.map_or_else(String::new, |order| format!(" ({})", order.by));
+            let by = stated.as_ref().map_or("", |of| of.by);
+            let by = match per_time == channels {
+                _ if by.is_empty() => String::new(),
+                true => format!(" ({channels} channels, {by})"),
+                false => format!(" ({channels} channels x {slices} slices, channels first, {by})"),
+            };
             let (what, last) = (format!("{name}: {per_time} pages for each time{by}: give "), per_time - 1);
             let which = format!(", 0 to {last}, the one with the particles");
             return Err(Error::option(advice!(what, option("page"), which)));
@@ -235,11 +278,20 @@ fn pages_of(file: &Path, options: &ImportOptions, scan: (usize, usize)) -> Resul
         }
         (Some(page), _) => page,
     };
-    let place = |of: usize| match &order {
-        Some(order) if options.pages_per_time.is_none() => order.place(of),
-        _ => (of / per_time, of % per_time),
+    let place = |page: usize| match &stated {
+        None => (page / per_time, page % per_time),
+        Some(of) => match of.pages[page] {
+            [channel, slice, _] if are_slices_times => (slice, channel),
+            [channel, slice, time] => (time, channel + channels * slice),
+        },
     };
-    Ok(((0..n).filter(|&of| place(of).1 == page).collect(), OfFile { pages: n, bits }))
+    let mut sources: Vec<Source> = (0..n)
+        .filter(|page| place(*page).1 == chosen)
+        .map(|page| Source { file: number, page, time: place(page).0, is_image: n == 1 && is_plain })
+        .collect();
+    sources.sort_by_key(|source| source.time);
+    let whole = if are_slices_times { slices } else { times };
+    Ok((sources, stated.filter(|of| !of.set.is_empty()).map(|of| (of.set, whole))))
 }
 
 /// Number of saturated pixels of an image, and their count.

@@ -44,10 +44,10 @@ pub struct ImportOptions {
     pub images: Vec<PathBuf>,
     /// Pages of a file that belong to one time; `None`: as the file says, otherwise one.
     pub pages_per_time: Option<usize>,
-    /// Which of these is the image, from 0.
+    /// Which of these is the image, from 0; also the channel of a scan whose file states several.
     pub page: Option<usize>,
-    /// The calibration scan: a file of pages, or a folder.
-    pub scan: PathBuf,
+    /// The calibration scan: a file of pages, or a folder; `None` for images in focus.
+    pub scan: Option<PathBuf>,
     /// Its stage positions.
     pub positions: StagePositions,
     /// Whether stage positions increase toward the lens.
@@ -58,7 +58,7 @@ pub struct ImportOptions {
     pub um_per_px: Option<f64>,
     /// Time between frames, or between the frames of a pair, s.
     pub dt_s: Option<f64>,
-    /// Whether frames 2k and 2k + 1 are a pair.
+    /// Whether frames 2k and 2k + 1 are a pair; files whose names differ in a and b only are paired by these.
     pub pairs: bool,
     /// Tables of what is known: heights of planes, positions of particles.
     pub truth: Vec<InputFile>,
@@ -118,8 +118,8 @@ pub struct Imported {
     pub places: Vec<PlaceFacts>,
     /// Particles of the scan that are not used, and why.
     pub unused: Unused,
-    /// Noise of a frame.
-    pub noise: NoiseFacts,
+    /// Noise of a frame; `None` without a scan.
+    pub noise: Option<NoiseFacts>,
     /// Warnings.
     pub warnings: Vec<String>,
 }
@@ -142,6 +142,9 @@ pub struct Unused {
 /// # Errors
 /// Input that cannot be used, by file, page or line, and value; an existing folder, unless `force`; writing.
 pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
+    if options.scan.is_none() {
+        needs_scan(options)?;
+    }
     let earlier = Earlier::new(MANIFEST, options.force);
     check_replaceable(out, earlier)?;
     let spinner = options.progress.spinner("reading the scan");
@@ -159,30 +162,40 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
                 ", a scenario of `microsig fit`"
             ))
         })?;
-    let mut scan = Scan::read(&options.scan, &options.positions)?;
-    let correction =
-        Correction::read(options.dark.as_deref(), options.flat.as_deref(), (scan.width, scan.height))?;
-    scan.planes.iter_mut().for_each(|plane| correction.apply(plane));
-    if options.toward_lens {
-        scan.stage_um.iter_mut().for_each(|z| *z = -*z);
+    let scan = options.scan.as_deref().map(|file| scan_of(file, options).map(|scan| (file, scan)));
+    let mut scan: Option<(&Path, Scan)> = scan.transpose()?;
+    let size = scan.as_ref().map(|(_, scan)| (scan.width, scan.height));
+    let frames = Frames::find(options, size)?;
+    let size = (frames.size().width as usize, frames.size().height as usize);
+    let correction = Correction::read(options.dark.as_deref(), options.flat.as_deref(), size)?;
+    if let Some((_, scan)) = &mut scan {
+        scan.planes.iter_mut().for_each(|plane| correction.apply(plane));
+        if options.toward_lens {
+            scan.stage_um.iter_mut().for_each(|z| *z = -*z);
+        }
     }
-    let frames = Frames::find(options, (scan.width, scan.height))?;
-    let known = Known::read(&options.truth, options.all_particles, frames.len(), (scan.width, scan.height))?;
+    let known = Known::read(&options.truth, options.all_particles, frames.len(), size)?;
     spinner.set_message("particles of the scan");
-    let made = stacks::Stacks::cut(&scan, &options.scan, options)?;
-    let noise = noise::of_scan(&scan, made.background);
-    let mut warnings = scan.warnings.clone();
-    warnings.extend(made.warnings.iter().cloned());
-    let model = optics.as_ref().map(|optics| optics.at(&made, &spinner)).transpose()?;
+    let mut warnings = scan.as_ref().map_or_else(Vec::new, |(_, scan)| scan.warnings.clone());
+    let made = scan.as_ref().map(|(file, scan)| stacks::Stacks::cut(scan, file, options)).transpose()?;
+    let noise = scan.as_ref().zip(made.as_ref()).map(|((_, scan), made)| noise::of_scan(scan, made.background));
+    warnings.extend(made.iter().flat_map(|made| made.warnings.iter().cloned()));
+    let model = optics.as_ref().zip(made.as_ref()).map(|(optics, made)| optics.at(made, &spinner)).transpose()?;
     warnings.extend(model.iter().filter_map(optics::Model::warning));
     spinner.finish();
 
     let partial = Partial::start(out)?;
     let folder = partial.folder();
     options.progress.warn(partial.warning());
-    let written = frames.write(folder, um_per_px, &correction, options)?;
+    let mut written = frames.write(folder, um_per_px, &correction, options)?;
+    if let Some(noise) = &noise {
+        let deviation = noise.variance.first().map_or(0.0, |variance| libm::sqrt(*variance));
+        written.background = [noise.background_counts, deviation];
+    }
     warnings.extend(written.warnings.iter().cloned());
-    made.write(folder, um_per_px, model.as_ref())?;
+    if let Some(made) = &made {
+        made.write(folder, um_per_px, model.as_ref())?;
+    }
     known.write(folder, &frames, options.dt_s)?;
     let about = manifest::About {
         name: name(out),
@@ -190,8 +203,8 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
         options,
         frames: &frames,
         written: &written,
-        made: &made,
-        noise: &noise,
+        made: made.as_ref(),
+        noise: noise.as_ref(),
         known: &known,
         model: model.as_ref(),
         correction: correction.clause(),
@@ -205,12 +218,36 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
         linked: written.linked,
         copied: written.copied,
         written: written.written,
-        depths: made.depths_um.len(),
-        places: made.places.iter().map(|stack| stack.place).collect(),
-        unused: made.unused,
+        depths: made.as_ref().map_or(0, |made| made.depths_um.len()),
+        places: made.iter().flat_map(|made| &made.places).map(|stack| stack.place).collect(),
+        unused: made.map_or_else(Unused::default, |made| made.unused),
         noise,
         warnings,
     })
+}
+
+/// Refuses options that say something about a scan that is not given.
+fn needs_scan(options: &ImportOptions) -> Result<()> {
+    let given = [
+        ("z", !matches!(options.positions, StagePositions::FromFile)),
+        ("z_toward", options.toward_lens),
+        ("optics", options.optics.is_some()),
+        ("field", options.field > 1),
+        ("window_px", options.window_px.is_some()),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        None => Ok(()),
+        Some((key, _)) => Err(Error::option(advice!(option(key), ": expected with ", option("scan"), " only"))),
+    }
+}
+
+fn scan_of(file: &Path, options: &ImportOptions) -> Result<Scan> {
+    // A scan of one channel has no other page.
+    let channel = match options.page {
+        Some(page) if Scan::channels(file)? > 1 => Some(page),
+        _ => None,
+    };
+    Scan::read(file, &options.positions, channel)
 }
 
 /// Positions of all particles of a scan, px, with the first pixel's center at (1, 1), most contrast first.

@@ -26,8 +26,9 @@ pub(crate) struct About<'a> {
     pub(crate) options: &'a ImportOptions,
     pub(crate) frames: &'a Frames,
     pub(crate) written: &'a Written,
-    pub(crate) made: &'a Stacks,
-    pub(crate) noise: &'a NoiseFacts,
+    /// The calibration stacks and the noise of the scan, if there is one.
+    pub(crate) made: Option<&'a Stacks>,
+    pub(crate) noise: Option<&'a NoiseFacts>,
     pub(crate) known: &'a Known,
     pub(crate) model: Option<&'a Model>,
     /// What was done to the images, as a clause.
@@ -36,9 +37,9 @@ pub(crate) struct About<'a> {
 
 impl About<'_> {
     /// Least and greatest depth of the calibration, um.
-    pub(crate) fn depths_um(&self) -> [f64; 2] {
-        let depths = &self.made.depths_um;
-        [depths[0], depths[depths.len() - 1]]
+    pub(crate) fn depths_um(&self) -> Option<[f64; 2]> {
+        let depths = &self.made?.depths_um;
+        Some([*depths.first()?, *depths.last()?])
     }
 }
 
@@ -50,7 +51,7 @@ pub(crate) fn seal(partial: &Partial, about: &About<'_>) -> Result<()> {
     let folder = partial.folder();
     let size = about.frames.size();
     let mut tables: Vec<Table> = about.known.tables();
-    tables.push(about.made.table());
+    tables.extend(about.made.map(Stacks::table));
     let frames: std::collections::BTreeMap<String, u32> =
         (0..about.frames.len()).map(|frame| (about.frames.path(frame), frame as u32)).collect();
     complete(folder, &manifest(about), |path: &str| {
@@ -63,7 +64,7 @@ pub(crate) fn seal(partial: &Partial, about: &About<'_>) -> Result<()> {
         let of = resource(path, &found, &tables);
         let Some(frame) = frames.get(path) else {
             let is_calibration = path.starts_with("calibration/images/");
-            let side = Some(about.made.side_px()).filter(|_| is_calibration);
+            let side = about.made.map(Stacks::side_px).filter(|_| is_calibration);
             return Ok((found, Resource { width_px: side, height_px: side, ..of }));
         };
         let image = Resource {
@@ -100,7 +101,8 @@ impl About<'_> {
 
 fn manifest(about: &About<'_>) -> Manifest {
     let (made, model) = (about.made, about.model);
-    let [low, high] = about.depths_um();
+    let depths_um = about.depths_um();
+    let h_um = depths_um.map(|[low, high]| high - low);
     let size = about.frames.size();
     let facts = Facts {
         generator: "microsig".to_owned(),
@@ -114,34 +116,37 @@ fn manifest(about: &About<'_>) -> Manifest {
             height_px: size.height,
             bit_depth: about.bits(),
             gain: model.map_or(f64::NAN, |model| model.settings.gain),
-            background_mean_counts: about.noise.background_counts,
-            background_noise_counts: about.noise.variance.first().map_or(0.0, |v| libm::sqrt(*v)),
+            background_mean_counts: about.written.background[0],
+            background_noise_counts: about.written.background[1],
             rounded_once: true,
             ..SensorFacts::default()
         }),
         renderer: model.map(|model| model.renderer.to_owned()),
         waves: model.and_then(|model| model.waves.clone()),
         optics: model.and_then(|model| model.optics),
-        depth_range_um: Some([low, high]),
-        depth_range_h_um: Some(high - low),
+        depth_range_um: depths_um,
+        depth_range_h_um: h_um,
         coordinates: Some(coordinates(ZERO)),
-        a_pi_px: Some(made.area_px()),
+        a_pi_px: made.map(Stacks::area_px),
         particle_image: Some(ParticleImageFacts {
             d_um: model.map_or(0.0, |model| model.d_um),
-            focus_um: Some(made.focus_um(made.central())),
+            focus_um: made.map(|made| made.focus_um(made.central())),
         }),
-        scoring_gates: Some(ScoringGates::over(high - low)),
+        scoring_gates: h_um.map(ScoringGates::over),
         kind: Some(RECORDING.to_owned()),
         known: Some(about.known.facts()),
-        noise: Some(about.noise.clone()),
-        calibration_places: made.places.iter().map(|stack| stack.place).collect(),
+        noise: about.noise.cloned(),
+        calibration_places: made.iter().flat_map(|made| &made.places).map(|stack| stack.place).collect(),
         ..Facts::default()
     };
     Manifest {
         profile: "data-package".to_owned(),
         name: about.name.clone(),
         title: format!("{}: a recording", about.name),
-        description: "Recorded images, with calibration stacks cut from a scan".to_owned(),
+        description: match made {
+            Some(_) => "Recorded images, with calibration stacks cut from a scan".to_owned(),
+            None => "Recorded images of particles in focus".to_owned(),
+        },
         version: "1.0.0".to_owned(),
         licenses: Vec::new(),
         microsig: facts,

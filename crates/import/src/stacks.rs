@@ -87,15 +87,34 @@ impl Stacks {
         }
         let located = Located::of(scan, &levels).map_err(|e| Error::input(format!("{name}: {e}")))?;
         let radii = extent::radii(scan, &levels, &located);
-        let half = half_px(scan, &radii, options);
+        let mut half = half_px(scan, &radii, options);
         let places = Places { side: options.field, size: (scan.width, scan.height) };
         let most = 3 * options.particles;
         let chosen: Vec<[f64; 2]> = (0..places.len())
             .flat_map(|place| places.nearest(place, &located.places).into_iter().take(most))
             .map(|k| located.places[k])
             .collect();
-        let (particles, mut unused) =
-            usable(scan, &levels, &located, (half, &radii), |at| chosen.contains(&at));
+        let cut = |half: usize, radii: &[usize]| {
+            usable(scan, &levels, &located, (half, radii), |at| chosen.contains(&at))
+        };
+        let (mut particles, mut unused) = cut(half, &radii);
+        let mut warnings = Vec::new();
+        // Where particles are dense, their images far from focus overlap, and the extent of one is not seen.
+        let most = extent::half_spacing(&located);
+        let is_wide = options.window_px.is_none() && radii.iter().any(|radius| *radius > most);
+        if is_wide && particles.len() < options.particles.min(located.places.len()) {
+            let narrow: Vec<usize> = radii.iter().map(|radius| *radius.min(&most)).collect();
+            let narrow_half = half_px(scan, &narrow, options);
+            let again = cut(narrow_half, &narrow);
+            if again.0.len() > particles.len() {
+                ((particles, unused), half) = (again, narrow_half);
+                warnings.push(format!(
+                    "{name}: calibration images are {} px wide, as the spacing of the particles allows: far from focus, images of \
+                     particles overlap",
+                    2 * half + 1
+                ));
+            }
+        }
         if particles.is_empty() {
             return Err(Error::option(none(&name.to_string(), &located, half, unused)));
         }
@@ -118,7 +137,7 @@ impl Stacks {
             is_field: options.field > 1,
             background: [located.background, located.background_noise],
             unused,
-            warnings: Vec::new(),
+            warnings,
             frame_px: (scan.width, scan.height),
         };
         made.average(&aligned, places, options, &name.to_string());

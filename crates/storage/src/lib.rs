@@ -10,7 +10,6 @@ pub mod input;
 mod interrupt;
 pub mod journal;
 pub mod json;
-pub mod listing;
 mod lock;
 pub mod memory;
 mod output;
@@ -20,7 +19,7 @@ mod removal;
 pub mod shown;
 mod standard;
 pub mod table_cache;
-mod walk;
+pub mod walk;
 
 pub use error::{Error, Result};
 pub use file::{Placed, may_write, outside_datasets, save, save_bytes, save_changed, save_result};

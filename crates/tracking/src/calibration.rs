@@ -235,7 +235,12 @@ type Stacks = ((u32, u32), Vec<Vec<Row>>);
 fn table(dataset: &DatasetPlace) -> Result<Stacks> {
     let table = dataset.shown(CalibrationRow::PATH);
     if !dataset.has_calibration()? {
-        let hint = "missing; this method needs the calibration stack of the dataset";
+        let hint = match dataset.manifest()?.microsig.kind.as_deref() {
+            Some(RECORDING) => {
+                "missing; this method needs calibration images, which `microsig import --scan` makes from a scan; `piv` and `spots` need none"
+            }
+            _ => "missing; this method needs the calibration stack of the dataset",
+        };
         return Err(Error::input(format!("{table}: {hint}")));
     }
     let size = image_size(dataset)?;

@@ -90,7 +90,7 @@ impl Bead {
         let given = |key: &str| given["given"][key].as_f64().with_context(|| format!("{name}: {key}"));
         let (file, step_um) = (folder.join(SCAN), given("z_step_um")?);
         Ok(Bead {
-            scan: Scan::read(&file, &StagePositions::Step(step_um))?,
+            scan: Scan::read(&file, &StagePositions::Step(step_um), None)?,
             file,
             um_per_px: given("um_per_px")?,
             step_um,

@@ -18,7 +18,7 @@ const ZOOM: u32 = 2;
 /// Writes `<name>.png`: square roots of counts above the background, each column on the scale of the scan's
 /// plane. The planes are spread evenly over those that show the bead.
 pub(super) fn montage(scans: &[&Path], out: &Path, name: &str) -> anyhow::Result<()> {
-    let scans = scans.iter().map(|path| Ok(Scan::read(path, &StagePositions::Step(1.0))?));
+    let scans = scans.iter().map(|path| Ok(Scan::read(path, &StagePositions::Step(1.0), None)?));
     let scans = scans.collect::<anyhow::Result<Vec<Scan>>>()?;
     let data = &scans[0].planes;
     let heights: Vec<f64> = data.iter().map(|plane| f64::from(peak(plane) - median(plane))).collect();

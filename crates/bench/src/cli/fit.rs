@@ -35,7 +35,7 @@ pub(super) struct Fit {
     /// by which the particles moved along the axis, in their medium
     #[arg(long, value_name = "FILE", conflicts_with = "z_step", value_parser = input())]
     z: Option<InputFile>,
-    /// Step of the stage between planes, um
+    /// Step of the stage between planes, um; frames that the file states to be of one plane share a position
     #[arg(long, value_name = "UM")]
     z_step: Option<f64>,
     /// Whether stage positions increase away from the lens
@@ -86,6 +86,9 @@ pub(super) struct Fit {
     /// coma, astigmatism, blur; for `--model waves`, with --diameter
     #[arg(long, requires = "diameter")]
     field: bool,
+    /// The channel with the particles, from 0, if the file states several
+    #[arg(long, value_name = "K")]
+    page: Option<usize>,
     /// Planes to use, counted from 0
     #[arg(long, value_name = "A-B")]
     planes: Option<String>,
@@ -148,7 +151,7 @@ impl Fit {
             (None, Some(step)) => StagePositions::Step(step),
             (None, None) => StagePositions::FromFile,
         };
-        let mut scan = Scan::read(&self.scan, &positions)?;
+        let mut scan = Scan::read(&self.scan, &positions, self.page)?;
         if let Some((first, last)) = self.range()? {
             scan = scan.cut(first, last)?;
         }

@@ -14,7 +14,7 @@ use storage::InputFile;
 use storage::error::{Error, Result};
 use storage::range::faults;
 
-/// Make a folder like a dataset's from recorded images and a calibration scan
+/// Make a folder like a dataset's from recorded images, with a calibration scan or without
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: microsig import --images 'run3/*.tif' --scan scan.tif --z z.csv --magnification 10 --pixel-size 16 --out recording"
@@ -27,18 +27,18 @@ pub(super) struct Import {
     /// Pages that belong to one time, such as channels [default: as the file says, otherwise 1]
     #[arg(long, value_name = "N")]
     pages_per_time: Option<u32>,
-    /// Which of these pages is the image, from 0
+    /// Which of these pages is the image, from 0; also the channel of a scan that states several
     #[arg(long, value_name = "K")]
     page: Option<u32>,
     /// The calibration scan, of the same field of view: a multi-page TIFF (8 or 16 bit), or a folder of TIFF
-    /// files
+    /// files; without one, images in focus, for `piv` and `spots`
     #[arg(long, value_name = "PATH")]
-    scan: PathBuf,
+    scan: Option<PathBuf>,
     /// Stage positions of the scan: a CSV file with the columns `page` (from 0) or `image`, and `z_um`;
     /// several pages may have the same position
     #[arg(long, value_name = "FILE", conflicts_with = "z_step", value_parser = input())]
     z: Option<InputFile>,
-    /// Step of the stage between pages, um
+    /// Step of the stage between planes, um
     #[arg(long, value_name = "UM")]
     z_step: Option<f64>,
     /// Stage positions increase toward the lens, not away from it
@@ -56,7 +56,7 @@ pub(super) struct Import {
     /// Time between frames (with `--pairs` between the two of a pair), s
     #[arg(long, value_name = "S")]
     dt: Option<f64>,
-    /// Frames 2k and 2k + 1 are an image pair
+    /// Frames 2k and 2k + 1 are an image pair; files whose names differ in a and b only are paired by these
     #[arg(long)]
     pairs: bool,
     /// What is known: a CSV file with `frame, z_um` (the height of a plane that all particles are in), or with
@@ -146,6 +146,11 @@ impl Import {
 fn text(made: &Imported, options: &ImportOptions) -> String {
     let how = [(made.linked, "linked"), (made.copied, "copied"), (made.written, "written")];
     let how: Vec<String> = how.iter().filter(|(n, _)| *n > 0).map(|(n, how)| format!("{n} {how}")).collect();
+    let frames = format!("{} images ({})", made.frames, how.join(", "));
+    if options.scan.is_none() {
+        let out = shown(&made.out);
+        return format!("{frames}, without calibration, in {out}; next, `microsig track {out} --method piv`");
+    }
     let counts: Vec<String> = made.places.iter().map(|p| p.particles.unwrap_or(0).to_string()).collect();
     let stacks = if options.field > 1 {
         format!("stacks at {} of {} places", made.places.len(), options.field * options.field)
@@ -155,10 +160,8 @@ fn text(made: &Imported, options: &ImportOptions) -> String {
     let unused = made.unused;
     let next = format!("microsig track {} --method ncc", shown(&made.out));
     format!(
-        "{} images ({}), {stacks} with {} depths, averages of {} particles ({} cut by the edge, {} crowded, {} saturated, {} unlike \
+        "{frames}, {stacks} with {} depths, averages of {} particles ({} cut by the edge, {} crowded, {} saturated, {} unlike \
          the others are left out), in {}; next, `{next}`",
-        made.frames,
-        how.join(", "),
         made.depths,
         counts.join(" + "),
         unused.cut,

@@ -185,13 +185,10 @@ type Case = (String, Vec<String>);
 fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
     let is_case = |name: &str| is_name(name) && folder.join(name).join(MANIFEST).is_file();
     if !folder.join(CASES).is_file() {
-        let mut names: Vec<String> = std::fs::read_dir(folder)
-            .map_err(|e| Error::read(folder, e))?
-            .take(MAX_CASES)
-            .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-            .filter(|name| is_case(name))
-            .collect();
+        let mut names = storage::walk::names(folder, is_name)?;
+        names.retain(|name| is_case(name));
         names.sort_unstable();
+        names.truncate(MAX_CASES);
         return Ok((Vec::new(), names.into_iter().map(|name| (name, Vec::new())).collect()));
     }
     let mut reader = CaseReader::open(folder)?.ok_or_else(|| {

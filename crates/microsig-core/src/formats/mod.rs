@@ -1,7 +1,9 @@
 //! File formats: MicroSIG's settings and particle data, gray TIFF images, and NumPy arrays. All functions take
 //! readers and writers, not paths.
 
+pub mod arrangement;
 pub mod data_file;
+mod gray;
 pub mod npy;
 pub mod number;
 pub mod pages;

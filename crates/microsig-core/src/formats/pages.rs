@@ -1,20 +1,28 @@
-//! The pages of TIFF files of cameras: gray counts of 8 or 16 bit, one page after the other, so that memory
-//! holds one page of a file of any length; and how a file says that its pages are arranged (OME-XML, ImageJ).
+//! The pages of TIFF files of cameras: gray counts of 8 to 16 bit, one page after the other, so that memory
+//! holds one page of a file of any length.
 
 use std::io::{Read, Seek};
 
-use ::tiff::ColorType;
-use ::tiff::decoder::{Decoder, DecodingResult};
-use ::tiff::tags::Tag;
-
-use super::tiff::told;
+use super::arrangement::Arrangement;
+use super::gray::{GrayImages, Numbers, told};
 use crate::error::{Error, Fault};
+use crate::sensor::Counts;
 
 /// A file of pages, read in their order.
 pub struct Pages<R: Read + Seek> {
-    decoder: Decoder<R>,
+    images: GrayImages<R>,
     name: String,
     page: usize,
+    /// Description of the first page.
+    description: Option<String>,
+    raw: Option<Raw>,
+}
+
+/// Images without directories behind the first one.
+#[derive(Debug, Clone, Copy)]
+struct Raw {
+    offset: u64,
+    images: usize,
 }
 
 /// The size and pixel type of a page.
@@ -24,28 +32,39 @@ pub struct PageSize {
     pub width: u32,
     /// Height, px.
     pub height: u32,
-    /// Bits of a pixel, 8 or 16.
+    /// Bits of a pixel, 8 or 16 (also for packed numbers of 9 to 15 bit).
     pub bits: u8,
-}
-
-/// How the pages of a file are arranged: the sizes of channels (`C`), slices (`Z`) and times (`T`), the one
-/// that changes from page to page first.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PageOrder {
-    /// Axes and their sizes.
-    pub axes: [(char, usize); 3],
-    /// The program or standard that says so.
-    pub by: &'static str,
 }
 
 impl<R: Read + Seek> Pages<R> {
     /// Opens a file at its first page; `name` is its name in errors.
     ///
     /// # Errors
-    /// [`Error::Malformed`] if it is no TIFF file.
+    /// [`Error::Malformed`] if it is no TIFF file, or of a kind whose pages cannot be told.
     pub fn open(reader: R, name: &str) -> Result<Self, Error> {
-        let decoder = Decoder::new(reader).map_err(|e| malformed(name, told(&e)))?;
-        Ok(Pages { decoder, name: name.to_owned(), page: 0 })
+        let damaged = |e| malformed(name, told(&e));
+        let mut images = GrayImages::open(reader).map_err(damaged)?;
+        let description = images.description().map_err(damaged)?;
+        if images.has(METAMORPH) {
+            let what = "a MetaMorph stack: expected a TIFF file, such as ImageJ or Bio-Formats write from it";
+            return Err(malformed(name, what.to_owned()));
+        }
+        let stated = description.as_deref().map_or(1, Arrangement::images);
+        let mut pages = Pages { images, name: name.to_owned(), page: 0, description, raw: None };
+        if stated > 1 && !pages.images.has_next() {
+            let size = pages.size()?;
+            let bytes = u64::from(size.width) * u64::from(size.height) * u64::from(size.bits / 8);
+            let offset = pages.images.raw_data(bytes).map_err(damaged)?;
+            let room = pages.images.length().map_err(|e| Error::io(name, e))?;
+            let fits = |offset: &u64| {
+                bytes.checked_mul(stated as u64).is_some_and(|all| *offset <= room && all <= room - offset)
+            };
+            let offset = offset.filter(fits).ok_or_else(|| {
+                malformed(name, format!("it states {stated} images, which its data do not hold"))
+            })?;
+            pages.raw = Some(Raw { offset, images: stated });
+        }
+        Ok(pages)
     }
 
     /// Number of the current page, from 0.
@@ -60,25 +79,24 @@ impl<R: Read + Seek> Pages<R> {
     /// Size and pixel type of the current page.
     ///
     /// # Errors
-    /// [`Error::Malformed`] if it holds no gray counts of 8 or 16 bit.
+    /// [`Error::Malformed`] if it holds no gray counts of 8 to 16 bit.
     pub fn size(&mut self) -> Result<PageSize, Error> {
-        let (width, height) = self.decoder.dimensions().map_err(|e| self.refuse(&told(&e)))?;
-        let color = self.decoder.colortype().map_err(|e| self.refuse(&told(&e)))?;
-        // 1: unsigned, 2: signed, 3: floating-point numbers.
-        let format = self.decoder.find_tag(Tag::SampleFormat).ok().flatten();
-        let format = format.and_then(|value| value.into_u16_vec().ok()).and_then(|all| all.first().copied());
-        let bits = match (color, format.unwrap_or(1)) {
-            (ColorType::Gray(bits @ (8 | 16)), 1) => bits,
-            (ColorType::Gray(bits), 3) => {
-                return Err(self.refuse(&format!("floating-point numbers of {bits} bit{COUNTS}")));
-            }
-            (ColorType::Gray(bits), 2) => {
-                return Err(self.refuse(&format!("signed numbers of {bits} bit{COUNTS}")));
-            }
-            (ColorType::Gray(bits), _) => return Err(self.refuse(&format!("{bits} bit{COUNTS}"))),
-            (color, _) => return Err(self.refuse(&format!("{color:?}{COUNTS}"))),
+        let (width, height) = self.images.size().map_err(|e| self.refuse(&told(&e)))?;
+        let found = match self.images.numbers() {
+            Ok(Numbers::Unsigned(8)) => return Ok(PageSize { width, height, bits: 8 }),
+            Ok(Numbers::Unsigned(9..=16)) => return Ok(PageSize { width, height, bits: 16 }),
+            Ok(Numbers::Unsigned(bits)) => format!("{bits} bit"),
+            Ok(Numbers::Float(bits)) => format!("floating-point numbers of {bits} bit"),
+            Ok(Numbers::Signed(bits)) => format!("signed numbers of {bits} bit"),
+            Err(found) => found,
         };
-        Ok(PageSize { width, height, bits })
+        Err(self.refuse(&format!("{found}: expected gray counts of 8 to 16 bit, as the camera recorded them")))
+    }
+
+    /// Whether any program reads the current page as these counts: a file of its own that is not packed,
+    /// inverted or with a palette.
+    pub fn is_plain(&mut self) -> bool {
+        self.raw.is_none() && self.images.is_plain()
     }
 
     /// The counts of the current page, row by row; `expected` is its size.
@@ -92,16 +110,17 @@ impl<R: Read + Seek> Pages<R> {
             let [a, b, c, d] = [size.width, size.height, expected.width, expected.height];
             return Err(self.refuse(&format!("{a} x {b} px: expected {c} x {d} px")));
         }
-        let counts = match self.decoder.read_image().map_err(|e| self.refuse(&told(&e)))? {
-            DecodingResult::U8(counts) => counts.into_iter().map(u16::from).collect::<Vec<_>>(),
-            DecodingResult::U16(counts) => counts,
-            _ => return Err(self.refuse(COUNTS)),
-        };
-        let pixels = size.width as usize * size.height as usize;
-        if counts.len() != pixels {
-            return Err(self.refuse(&format!("{} values: expected {pixels}, one per pixel", counts.len())));
+        if let Some(raw) = self.raw {
+            let pixels = size.width as usize * size.height as usize;
+            let offset = raw.offset + self.page as u64 * (pixels as u64 * u64::from(size.bits / 8));
+            let counts = self.images.raw_counts(offset, pixels, size.bits);
+            return counts.map_err(|e| self.refuse(&told(&e)));
         }
-        Ok(counts)
+        match self.images.counts() {
+            Ok(Counts::Whole(counts)) => Ok(counts),
+            Ok(Counts::Unrounded(_)) => Err(self.refuse("floating-point numbers")),
+            Err(what) => Err(self.refuse(&what)),
+        }
     }
 
     /// Goes to the next page; `false` if there is none.
@@ -109,158 +128,43 @@ impl<R: Read + Seek> Pages<R> {
     /// # Errors
     /// [`Error::Malformed`] if the file is damaged.
     pub fn go_on(&mut self) -> Result<bool, Error> {
-        if !self.decoder.more_images() {
+        if !self.raw.map_or_else(|| self.images.has_next(), |raw| self.page + 1 < raw.images) {
             return Ok(false);
         }
         self.page += 1;
-        self.decoder.next_image().map_err(|e| self.refuse(&told(&e)))?;
+        if self.raw.is_none() {
+            self.images.go_on().map_err(|e| self.refuse(&told(&e)))?;
+        }
         Ok(true)
     }
 
-    /// The description of the current page.
-    pub fn description(&mut self) -> Option<String> {
-        self.decoder.find_tag(Tag::ImageDescription).ok()??.into_string().ok()
+    /// The description of the first page.
+    pub fn description(&self) -> Option<&str> {
+        self.description.as_deref()
     }
 
-    /// How the file says that its pages are arranged, from the description of its first page, at which the
-    /// file must be.
-    pub fn order(&mut self) -> Option<PageOrder> {
-        let description = self.description()?;
-        ome(&description).or_else(|| image_j(&description))
-    }
-
-    /// The step between slices in um as ImageJ or OME-XML states it, from the description of the first page,
-    /// at which the file must be; `None` if there is none, or one in another unit.
-    pub fn spacing_um(&mut self) -> Option<f64> {
-        let text = self.description()?;
-        let (spacing, unit) = match Pixels::of(&text) {
-            // The unit of OME-XML by default.
-            Some(pixels) => (pixels.get("PhysicalSizeZ")?, pixels.get("PhysicalSizeZUnit").unwrap_or("um")),
-            None => (entry(&text, "spacing")?, entry(&text, "unit")?),
-        };
-        let spacing: f64 = spacing.trim().parse().ok()?;
-        let known = matches!(
-            unit.trim(),
-            "um" | "micron"
-                | "microns"
-                | "\\u00B5m"
-                | "\u{b5}m"
-                | "\u{3bc}m"
-                | "&#181;m"
-                | "&#xB5;m"
-                | "&#xb5;m"
-        );
-        (known && spacing.is_finite() && spacing != 0.0).then_some(spacing)
+    /// How the file says that its pages are arranged, if it does; `n` is their number.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] if it says what does not fit its pages.
+    pub fn arrangement(&self, n: usize) -> Result<Option<Arrangement>, Error> {
+        let Some(text) = &self.description else { return Ok(None) };
+        let file = self.name.rsplit(['/', '\\']).next().unwrap_or_default();
+        Arrangement::read(text, file, n).map_err(|what| malformed(&self.name, what))
     }
 }
 
-const COUNTS: &str = ": expected gray counts of 8 or 16 bit, as the camera recorded them";
+/// The tag of MetaMorph's stacks, whose planes but the first have no directories.
+const METAMORPH: u16 = 33_629;
 
 fn malformed(name: &str, message: String) -> Error {
     Error::Malformed(vec![Fault::of(name, message)])
-}
-
-/// Attributes of the element `Pixels` of OME-XML.
-struct Pixels<'a>(&'a str);
-
-impl<'a> Pixels<'a> {
-    fn of(text: &'a str) -> Option<Self> {
-        let element = text.split_once("<Pixels ").or_else(|| text.split_once("<OME:Pixels "))?.1;
-        Some(Pixels(element.split_once('>')?.0))
-    }
-
-    fn get(&self, name: &str) -> Option<&'a str> {
-        // A name is the end of no other.
-        let (_, value) = self.0.split_once(&format!(" {name}=\"")).or_else(|| {
-            let value = self.0.strip_prefix(name)?.strip_prefix("=\"")?;
-            Some(("", value))
-        })?;
-        Some(value.split_once('"')?.0)
-    }
-}
-
-fn ome(text: &str) -> Option<PageOrder> {
-    let pixels = Pixels::of(text)?;
-    let size =
-        |axis: char| pixels.get(&format!("Size{axis}")).and_then(|n| n.trim().parse().ok()).unwrap_or(1usize);
-    let axes: Vec<char> = pixels.get("DimensionOrder").unwrap_or("XYCZT").chars().skip(2).collect();
-    let [a, b, c] = axes[..].try_into().ok()?;
-    Some(PageOrder { axes: [a, b, c].map(|axis| (axis, size(axis).max(1))), by: "OME-XML" })
-}
-
-/// An entry of ImageJ's description.
-fn entry<'a>(text: &'a str, key: &str) -> Option<&'a str> {
-    text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='))
-}
-
-/// Entries of ImageJ's description; pages are in the order of channels, slices and frames.
-fn image_j(text: &str) -> Option<PageOrder> {
-    if !text.starts_with("ImageJ=") {
-        return None;
-    }
-    let size = |key: &str| entry(text, key).and_then(|n| n.trim().parse().ok()).unwrap_or(1usize).max(1);
-    let axes = [('C', size("channels")), ('Z', size("slices")), ('T', size("frames"))];
-    Some(PageOrder { axes, by: "ImageJ" })
-}
-
-impl PageOrder {
-    fn size(&self, axis: char) -> usize {
-        self.axes.iter().find(|(own, _)| *own == axis).map_or(1, |(_, size)| *size)
-    }
-
-    /// Number of pages.
-    pub fn pages(&self) -> usize {
-        self.axes.iter().fold(1, |product, (_, size)| product.saturating_mul(*size))
-    }
-
-    /// The axis of time: slices if the file has no other times, as programs write sequences.
-    fn time(&self) -> char {
-        if self.size('T') == 1 && self.size('Z') > 1 { 'Z' } else { 'T' }
-    }
-
-    /// Number of pages of one time.
-    pub fn per_time(&self) -> usize {
-        self.pages() / self.size(self.time()).max(1)
-    }
-
-    /// The time to which a page belongs, and its number among the pages of that time.
-    pub fn place(&self, page: usize) -> (usize, usize) {
-        let (mut rest, mut stride, mut time, mut within) = (page, 1, 0, 0);
-        for (axis, size) in self.axes {
-            let at = rest % size;
-            rest /= size;
-            if axis == self.time() {
-                time = at;
-            } else {
-                within += stride * at;
-                stride *= size;
-            }
-        }
-        (time, within)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::io::Cursor;
-
-    #[test]
-    fn pages_are_arranged_as_their_file_says() {
-        let text = r#"<?xml?><OME><Image><Pixels ID="0" DimensionOrder="XYTCZ" SizeC="2" SizeT="3" SizeX="9" SizeY="9" SizeZ="1" Type="uint16"><Channel/>"#;
-        let order = ome(text).unwrap();
-        assert_eq!((order.pages(), order.per_time()), (6, 2));
-        assert_eq!(
-            (0..6).map(|page| order.place(page)).collect::<Vec<_>>(),
-            [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
-        );
-        let order = image_j("ImageJ=1.53t\nimages=6\nchannels=2\nframes=3\n").unwrap();
-        assert_eq!((order.place(3), order.per_time()), ((1, 1), 2));
-        // A sequence that is stored as slices.
-        let order = image_j("ImageJ=1.53t\nimages=6\nslices=6\n").unwrap();
-        assert_eq!((order.place(4), order.per_time()), ((4, 0), 1));
-        assert_eq!(image_j("a camera"), None);
-    }
 
     #[test]
     fn pages_are_read_one_after_the_other() {

@@ -280,10 +280,15 @@ mod tests {
                 (StackAxis::Depth(vec![0.0, 1.0, 4.0]), None),
                 (times.clone(), None),
             ] {
-                let mut pages = written(axis, format);
-                assert_eq!(pages.spacing_um(), step, "{format:?}");
-                let order = pages.order().unwrap();
-                assert_eq!((order.pages(), order.per_time()), (3, 1), "{format:?}");
+                let mut pages = written(axis.clone(), format);
+                let arranged = pages.arrangement(3).unwrap().unwrap();
+                assert_eq!(arranged.step_um(), Ok(step), "{format:?}");
+                let sizes = if axis == times { [1, 1, 3] } else { [1, 3, 1] };
+                assert_eq!(arranged.sizes, sizes, "{format:?}");
+                if format == StackFormat::Ome && axis != times {
+                    let at = |k| arranged.position(k).unwrap().map(|at| at.um);
+                    assert_eq!(StackAxis::Depth((0..3).filter_map(at).collect()), axis);
+                }
                 for k in 0..3 {
                     let size = pages.size().unwrap();
                     assert_eq!(size, PageSize { width: 2, height: 1, bits: 16 });
@@ -297,9 +302,9 @@ mod tests {
     #[test]
     fn descriptions_hold_the_scale() {
         let depths = StackAxis::Depth(vec![-1.0, 1.5, 4.0]);
-        let text = written(depths.clone(), StackFormat::ImageJ).description().unwrap();
+        let text = written(depths.clone(), StackFormat::ImageJ).description().unwrap().to_owned();
         assert_eq!(text, "ImageJ=1.11a\nimages=3\nslices=3\nunit=um\nspacing=2.5\nzorigin=0.4\n");
-        let text = written(depths, StackFormat::Ome).description().unwrap();
+        let text = written(depths, StackFormat::Ome).description().unwrap().to_owned();
         for part in [
             "Name=\"a &#60; &#181;\"",
             "SignificantBits=\"12\"",
@@ -312,7 +317,7 @@ mod tests {
         assert!(
             written(times.clone(), StackFormat::ImageJ).description().unwrap().contains("finterval=0.1\n")
         );
-        let text = written(times, StackFormat::Ome).description().unwrap();
+        let text = written(times, StackFormat::Ome).description().unwrap().to_owned();
         assert!(
             text.contains("TimeIncrement=\"0.1\"") && text.contains("TheT=\"1\" TheC=\"0\" DeltaT=\"0.1\"")
         );

@@ -8,7 +8,7 @@
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, Write};
 
-use ::tiff::decoder::{Decoder, DecodingResult, ifd::Value};
+use ::tiff::decoder::{Decoder, ifd::Value};
 use ::tiff::encoder::{
     Rational, TiffEncoder, TiffKind,
     colortype::{ColorType, Gray8, Gray16, Gray32Float},
@@ -16,6 +16,7 @@ use ::tiff::encoder::{
 use ::tiff::tags::{ResolutionUnit, Tag};
 use ::tiff::{TiffError, TiffResult};
 
+use super::gray::{GrayImages, told};
 use super::stack::equal_step;
 use crate::error::{Error, Fault};
 use crate::sensor::{Counts, Image};
@@ -205,35 +206,22 @@ pub fn little_endian(counts: &[u16]) -> Vec<u8> {
 pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Counts, Error> {
     let refuse = |message: String| malformed(name, message);
     let damaged = |e: TiffError| refuse(told(&e));
-    let mut decoder = Decoder::new(reader).map_err(damaged)?;
-    let found = decoder.dimensions().map_err(damaged)?;
+    let mut images = GrayImages::open(reader).map_err(damaged)?;
+    let found = images.size().map_err(damaged)?;
     // Checked before anything is allocated for the pixels.
     if found != size {
         return Err(refuse(format!("{} x {} px: expected {} x {} px", found.0, found.1, size.0, size.1)));
     }
-    let colors = decoder.colortype().map_err(damaged)?;
-    if !matches!(colors, ::tiff::ColorType::Gray(_)) {
-        return Err(refuse(format!("{colors:?}: expected a gray image")));
-    }
-    let counts = match decoder.read_image().map_err(damaged)? {
-        DecodingResult::U8(counts) => Counts::Whole(counts.into_iter().map(u16::from).collect()),
-        DecodingResult::U16(counts) => Counts::Whole(counts),
-        DecodingResult::F32(counts) => Counts::Unrounded(counts),
-        DecodingResult::F64(counts) => Counts::Unrounded(counts.into_iter().map(|c| c as f32).collect()),
-        _ => return Err(refuse("expected gray counts of 8 or 16 bit, or floating-point numbers".to_owned())),
-    };
-    let pixels = size.0 as usize * size.1 as usize;
-    if counts.len() != pixels {
-        return Err(refuse(format!("{} values: expected {pixels}, one per pixel", counts.len())));
-    }
+    images.numbers().map_err(|found| refuse(format!("{found}: expected a gray image")))?;
+    let counts = images.counts().map_err(refuse)?;
     if let Some(at) = counts.values().position(|count| !count.is_finite()) {
         let (column, row) = (at % size.0 as usize + 1, at / size.0 as usize + 1);
         let count = counts.values().nth(at).unwrap_or_default();
         return Err(refuse(format!("{count} in column {column}, row {row}: expected a finite number")));
     }
     let mut pages = 1;
-    while decoder.more_images() && pages < MAX_PAGES {
-        decoder.next_image().map_err(damaged)?;
+    while images.has_next() && pages < MAX_PAGES {
+        images.go_on().map_err(damaged)?;
         pages += 1;
     }
     match pages {
@@ -245,16 +233,6 @@ pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) ->
 
 /// Pages are counted up to this number.
 const MAX_PAGES: usize = 10_000;
-
-/// What is wrong with a file.
-pub fn told(e: &TiffError) -> String {
-    match e {
-        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
-            "it ends before its data do; is it truncated?".to_owned()
-        }
-        _ => e.to_string(),
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -42,6 +42,7 @@ use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
+use storage::walk;
 pub use table::{
     BoxSize, Field, FlowVector, Placement, Points, Position, Reversal, TrackRow, TrackerResult, Velocities,
     VelocityUnit,
@@ -119,22 +120,19 @@ impl Source {
         if path.is_standard() || !(path.is_dir() || is_pattern) {
             return Ok(Source::File(path));
         }
-        let folder = if is_pattern { path.parent().unwrap_or(Path::new("")) } else { &path };
-        let mut files = storage::listing::listed(folder)?;
         let wrong = |what: &str| Error::input(format!("{}: {what}", path.display()));
-        if is_pattern {
-            files.retain(|file| {
-                storage::listing::fits(&name, &file.file_name().unwrap_or_default().to_string_lossy())
-            });
-        } else {
-            let extension = |file: &PathBuf| {
-                let own = file.extension()?.to_str()?.to_ascii_lowercase();
-                EXTENSIONS.into_iter().find(|extension| *extension == own)
-            };
-            files.retain(|file| extension(file).is_some());
-            if files.iter().any(|file| extension(file) != extension(&files[0])) {
-                return Err(wrong("files of several kinds; give a pattern such as \"folder/field_*.txt\""));
-            }
+        let extension = |file: &str| {
+            let own = Path::new(file).extension()?.to_str()?.to_ascii_lowercase();
+            EXTENSIONS.into_iter().find(|extension| *extension == own)
+        };
+        let folder = if is_pattern { path.parent() } else { Some(path.as_path()) };
+        let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let files = walk::names(folder, |file| {
+            let is_wanted = if is_pattern { walk::fits(&name, file) } else { extension(file).is_some() };
+            is_wanted && !file.starts_with('.')
+        })?;
+        if !is_pattern && files.iter().any(|file| extension(file) != extension(&files[0])) {
+            return Err(wrong("files of several kinds; give a pattern such as \"folder/field_*.txt\""));
         }
         if files.is_empty() {
             let names = EXTENSIONS.join(", .");
@@ -142,7 +140,7 @@ impl Source {
                 "no results; expected files .{names} of a field, one for each image pair"
             )));
         }
-        Ok(Source::Files(path.to_path_buf(), files.into_iter().map(InputFile::from).collect()))
+        Ok(Source::Files(path.to_path_buf(), files.iter().map(|file| InputFile::from(folder.join(file))).collect()))
     }
 
     /// Name of the result.
