@@ -241,6 +241,57 @@ fn whole_files_are_linked_or_copied_as_they_are() {
 }
 
 #[test]
+fn images_in_focus_are_imported_without_a_scan() {
+    let recording = Recording::new();
+    // Pairs whose names tell them, in another order than that of the names. Plane 13 is in focus.
+    for (k, seed) in [0, 1].into_iter().enumerate() {
+        for (role, pass) in [("a", &PASSES[seed]), ("b", &PASSES[2])] {
+            write_eight_bit(&recording.at(&format!("{role}_{k}.tif")), &[eight_bit(&pass[13])], "a camera");
+        }
+    }
+    let (images, known, out) = (recording.at("?_?.tif"), recording.at("known.csv"), recording.at("out"));
+    let scale = ["--magnification", "10", "--pixel-size", "6.45", "--pairs", "--dt", "0.01"];
+    std::fs::write(
+        &known,
+        target().beads.iter().fold("frame,x_px,y_px\n".to_owned(), |text, bead| {
+            text + &(0..4).map(|frame| format!("{frame},{},{}\n", bead.x_px, bead.y_px)).collect::<String>()
+        }),
+    )
+    .unwrap();
+    let own = [
+        "import",
+        "--images",
+        path(&images),
+        "--out",
+        path(&out),
+        "--truth",
+        path(&known),
+        "--all-particles",
+    ];
+    let made = json(&[&own[..], &scale].concat());
+    assert_eq!((&made["frames"], &made["depths"], &made["noise"]), (&4.into(), &0.into(), &Value::Null));
+    for (image, file) in [("pair_00000_b.tif", "b_0.tif"), ("pair_00001_a.tif", "a_1.tif")] {
+        let [image, file] =
+            [out.join("images").join(image), recording.at(file)].map(|f| std::fs::read(f).unwrap());
+        assert!(image == file);
+    }
+    run(&["verify", path(&out)]);
+    let card = std::fs::read_to_string(out.join("README.md")).unwrap();
+    assert!(card.contains("without a calibration") && !card.contains("`calibration/`"), "{card}");
+    let found = recording.at("found.csv");
+    for method in ["piv", "spots"] {
+        run(&["track", path(&out), "--method", method, "--out", path(&found), "--force"]);
+    }
+    let score: Value = json(&["evaluate", path(&out), path(&found)]);
+    let of = |key: &str| score["detection"][key].as_f64().unwrap();
+    assert!(of("recall") > 0.9 && of("precision") > 0.9 && of("rmse_xy_px") < 0.2, "{}", score["detection"]);
+    let refused = fail(2, &["track", path(&out), "--method", "ncc", "--out", path(&found), "--force"]);
+    assert!(refused.contains("`microsig import --scan`"), "{refused}");
+    let refused = fail(2, &[&own[..], &scale, &["--force", "--field", "2"]].concat());
+    assert!(refused.contains("--field: expected with --scan only"), "{refused}");
+}
+
+#[test]
 fn images_that_cannot_be_imported_are_refused_by_file_page_and_value() {
     let recording = Recording::new();
     let pixels = (SIDE * SIDE) as usize;

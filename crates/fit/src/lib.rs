@@ -51,7 +51,7 @@ pub use images::Watch;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use repeats::noise_of_repeats;
-pub use scan::{Level, Scan, StagePositions};
+pub use scan::{Level, Scan, StagePositions, chosen_channel};
 use storage::advice::option;
 use storage::range::faults;
 use storage::{Error, NumberRange, Result, advice};

@@ -6,10 +6,12 @@ use std::path::Path;
 
 use serde::Deserialize;
 
+use storage::InputFile;
+
+pub use files::chosen_channel;
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
-use storage::InputFile;
 
 /// Minimum number of planes.
 const MIN_PLANES: usize = 7;
@@ -69,7 +71,12 @@ impl StagePositions {
             StagePositions::FromFile => None,
         }
         .ok_or_else(|| {
-            Error::option(advice!("stage positions are unknown; give ", option("z"), " or ", option("z_step_um")))
+            Error::option(advice!(
+                "stage positions are unknown; give ",
+                option("z"),
+                " or ",
+                option("z_step_um")
+            ))
         })
     }
 }
@@ -258,7 +265,10 @@ fn read_positions(file: &InputFile, names: &[String], n: usize) -> Result<Vec<Op
     // In a dataset's table, the stacks of several sizes have the same names and depths.
     let mut stage_um = vec![None; n];
     for (page, z_um) in &found {
-        if stage_um.get_mut(*page).is_none_or(|place| place.replace(*z_um).is_some_and(|other| other != *z_um)) {
+        if stage_um
+            .get_mut(*page)
+            .is_none_or(|place| place.replace(*z_um).is_some_and(|other| other != *z_um))
+        {
             return Err(Error::input(format!(
                 "{}: page {page} at {z_um} um: expected one position for each page, 0 to {}",
                 file.display(),
@@ -306,7 +316,11 @@ mod tests {
     }
 
     /// A file of `tests/data/tiff`, whose script says what its counts are.
-    fn read(name: &str, channel: Option<usize>, positions: &StagePositions) -> std::result::Result<Scan, String> {
+    fn read(
+        name: &str,
+        channel: Option<usize>,
+        positions: &StagePositions,
+    ) -> std::result::Result<Scan, String> {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/tiff");
         let scan = Scan::read(&folder.join(name), positions, channel).map_err(|e| e.to_string())?;
         // Planes by their counts, of which the file may state other positions.
@@ -342,9 +356,15 @@ mod tests {
             assert_eq!(scan.planes[0][9], 1000 * channel.unwrap_or(0) as u16 + 9);
         }
         // A step counts planes, whatever else is between them; times alone are planes only if a step is given.
-        for (name, repeats) in [("tifffile_zt.tif", 3), ("imagej_tz.tif", 3), ("imagej_t.tif", 1), ("white.tif", 1)] {
+        for (name, repeats) in
+            [("tifffile_zt.tif", 3), ("imagej_tz.tif", 3), ("imagej_t.tif", 1), ("white.tif", 1)]
+        {
             let scan = read(name, None, &StagePositions::Step(0.5)).unwrap();
-            assert_eq!((scan.levels().len(), scan.levels()[6].z_um, scan.planes.len()), (7, 3.0, 7 * repeats), "{name}");
+            assert_eq!(
+                (scan.levels().len(), scan.levels()[6].z_um, scan.planes.len()),
+                (7, 3.0, 7 * repeats),
+                "{name}"
+            );
         }
         let given = StagePositions::Given(step(-1.0));
         assert_eq!(read("imagej_tz.tif", None, &given).unwrap().stage_um[20], -6.0);
@@ -357,10 +377,18 @@ mod tests {
             ("imagej_zc.tif", None, "2 channels (ImageJ): expected --page to be one of 0 to 1"),
             ("imagej_zc.tif", Some(2), "--page 2 to be one of 0 to 1"),
             ("white.tif", Some(1), "1 channel (nothing is stated): expected --page 1 to be one of 0 to 0"),
-            ("imagej_t.tif", None, "ImageJ states 7 times of one slice, which are no scan; give --z or --z-step"),
+            (
+                "imagej_t.tif",
+                None,
+                "ImageJ states 7 times of one slice, which are no scan; give --z or --z-step",
+            ),
             ("ome_fixed.ome.tif", None, "the position 5 um for all planes, and a step of 2 um; give --z"),
             ("tifffile_zt.tif", None, "stage positions are unknown"),
-            ("set/part_0.ome.tif", None, "4 of 7 frames of a set of files (OME-XML): expected a folder with all of it"),
+            (
+                "set/part_0.ome.tif",
+                None,
+                "4 of 7 frames of a set of files (OME-XML): expected a folder with all of it",
+            ),
             ("colors.tif", None, "a palette of colors"),
         ] {
             let message = read(name, channel, own).unwrap_err();
@@ -372,7 +400,9 @@ mod tests {
     fn counts_are_those_in_the_file() {
         let counts = |name: &str| read(name, None, &StagePositions::Step(1.0)).unwrap().planes;
         let expected = counts("tifffile_zt.tif").into_iter().step_by(3).collect::<Vec<_>>();
-        for name in ["white.tif", "zstd.tif", "palette.tif", "packed_10.tif", "packed_12.tif", "imagej_large.tif"] {
+        for name in
+            ["white.tif", "zstd.tif", "palette.tif", "packed_10.tif", "packed_12.tif", "imagej_large.tif"]
+        {
             assert_eq!(counts(name), expected, "{name}");
         }
     }

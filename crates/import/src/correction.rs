@@ -5,12 +5,13 @@
 //! with D and F the means of `dark` and `flat - dark`, so that the background keeps its mean and noise is not
 //! clipped at 0.
 
-use std::io::BufReader;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use microsig_core::formats::pages::Pages;
+use fit::chosen_channel;
 use storage::error::{Error, Result};
-use storage::input;
+
+use super::ImportOptions;
+use super::frames::opened;
 
 /// The correction of a camera's pixels; nothing if neither dark frame nor flat field are given.
 #[derive(Debug, Default)]
@@ -31,11 +32,12 @@ impl Correction {
     ///
     /// # Errors
     /// A file that is no image of this size; a flat field with dark pixels.
-    pub(crate) fn read(dark: Option<&Path>, flat: Option<&Path>, size: (usize, usize)) -> Result<Self> {
-        let dark = dark.map(|file| mean(file, size)).transpose()?.unwrap_or_default();
+    pub(crate) fn read(options: &ImportOptions, size: (usize, usize)) -> Result<Self> {
+        let mean = |file: &PathBuf| mean(file, options.page, size);
+        let dark = options.dark.as_ref().map(mean).transpose()?.unwrap_or_default();
         let level = average(&dark);
-        let Some(file) = flat else { return Ok(Correction { dark, factor: Vec::new(), level }) };
-        let mut light = mean(file, size)?;
+        let Some(file) = &options.flat else { return Ok(Correction { dark, factor: Vec::new(), level }) };
+        let mut light = mean(file)?;
         light.iter_mut().zip(&dark).for_each(|(light, dark)| *light -= dark);
         let whole = average(&light);
         if let Some(at) = light.iter().position(|light| *light < LEAST_FLAT * whole || *light <= 0.0) {
@@ -88,17 +90,25 @@ fn average(values: &[f32]) -> f32 {
     }
 }
 
-/// The mean over all pages of a file.
-fn mean(file: &Path, (width, height): (usize, usize)) -> Result<Vec<f32>> {
-    let name = file.display().to_string();
-    let mut pages = Pages::open(BufReader::new(input::open(file)?), &name)?;
+/// The mean over all pages of a file, or over those of a channel if it states several.
+fn mean(file: &Path, channel: Option<usize>, (width, height): (usize, usize)) -> Result<Vec<f32>> {
+    let mut pages = opened(file)?;
     let mut size = pages.size()?;
     (size.width, size.height) = (width as u32, height as u32);
+    while pages.go_on()? {}
+    let stated = pages.arrangement(pages.page() + 1)?;
+    let channel = match stated.as_ref().map_or(1, |of| of.sizes[0]) {
+        1 => 0,
+        _ => chosen_channel(&file.display().to_string(), stated.as_ref(), channel)?,
+    };
+    pages = opened(file)?;
     let mut sum = vec![0.0f64; width * height];
     let mut n = 0.0;
     loop {
-        sum.iter_mut().zip(pages.counts(size)?).for_each(|(sum, count)| *sum += f64::from(count));
-        n += 1.0;
+        if stated.as_ref().is_none_or(|of| of.pages[pages.page()][0] == channel) {
+            sum.iter_mut().zip(pages.counts(size)?).for_each(|(sum, count)| *sum += f64::from(count));
+            n += 1.0;
+        }
         if !pages.go_on()? {
             return Ok(sum.into_iter().map(|sum| (sum / n) as f32).collect());
         }

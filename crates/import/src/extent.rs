@@ -24,7 +24,8 @@ pub(crate) fn radii(scan: &Scan, levels: &[Level], located: &Located) -> Vec<usi
 /// light is mostly that of others.
 pub(crate) fn half_spacing(located: &Located) -> usize {
     let nearest = |k: usize| {
-        let away = |other: &[f64; 2]| (other[0] - located.places[k][0]).hypot(other[1] - located.places[k][1]);
+        let away =
+            |other: &[f64; 2]| (other[0] - located.places[k][0]).hypot(other[1] - located.places[k][1]);
         let others = located.places.iter().enumerate().filter(|(j, _)| *j != k);
         others.map(|(_, other)| away(other)).fold(f64::INFINITY, f64::min)
     };

@@ -19,7 +19,9 @@ pub(crate) fn of(arguments: &[PathBuf]) -> Result<Vec<PathBuf>> {
             let pattern = argument.file_name().unwrap_or_default().to_string_lossy().into_owned();
             if pattern.contains(['*', '?']) && !argument.exists() {
                 let folder = argument.parent().filter(|p| !p.as_os_str().is_empty());
-                listed(folder.unwrap_or(Path::new(".")), |name| !name.starts_with('.') && walk::fits(&pattern, name))?
+                listed(folder.unwrap_or(Path::new(".")), |name| {
+                    !name.starts_with('.') && walk::fits(&pattern, name)
+                })?
             } else {
                 vec![argument.clone()]
             }
@@ -109,8 +111,14 @@ mod tests {
             paired(&files).map(|paired| paired.map(|files| files.iter().map(text).collect::<Vec<_>>()))
         };
         for (given, expected) in [
-            (["a_01.tif", "a_02.tif", "b_01.tif", "b_02.tif"], ["a_01.tif", "b_01.tif", "a_02.tif", "b_02.tif"]),
-            (["1.LA.tif", "1.LB.tif", "2.LA.tif", "2.LB.tif"], ["1.LA.tif", "1.LB.tif", "2.LA.tif", "2.LB.tif"]),
+            (
+                ["a_01.tif", "a_02.tif", "b_01.tif", "b_02.tif"],
+                ["a_01.tif", "b_01.tif", "a_02.tif", "b_02.tif"],
+            ),
+            (
+                ["1.LA.tif", "1.LB.tif", "2.LA.tif", "2.LB.tif"],
+                ["1.LA.tif", "1.LB.tif", "2.LA.tif", "2.LB.tif"],
+            ),
             (["a/1.tif", "a/2.tif", "b/1.tif", "b/2.tif"], ["a/1.tif", "b/1.tif", "a/2.tif", "b/2.tif"]),
             (["r1B.tif", "r1A.tif", "r2B.tif", "r2A.tif"], ["r1A.tif", "r1B.tif", "r2A.tif", "r2B.tif"]),
         ] {

@@ -69,7 +69,8 @@ impl Frames {
         let are_named = named.is_some();
         files = named.unwrap_or(files);
         let (mut sources, mut problems) = (Vec::new(), Vec::new());
-        let mut size = scan.map(|(width, height)| PageSize { width: width as u32, height: height as u32, bits: 8 });
+        let mut size =
+            scan.map(|(width, height)| PageSize { width: width as u32, height: height as u32, bits: 8 });
         let mut sets: Vec<Option<(Vec<String>, usize)>> = Vec::new();
         for (number, file) in files.iter().enumerate() {
             match pages_of(number, file, options, (&mut size, scan.is_some())) {
@@ -212,7 +213,7 @@ impl Frames {
     }
 }
 
-fn opened(file: &Path) -> Result<Pages<BufReader<std::fs::File>>> {
+pub(crate) fn opened(file: &Path) -> Result<Pages<BufReader<std::fs::File>>> {
     Ok(Pages::open(BufReader::with_capacity(1 << 16, input::open(file)?), &file.display().to_string())?)
 }
 
@@ -239,7 +240,9 @@ fn pages_of(
             };
             let [a, b, c, d] = [found.width, found.height, expected.width, expected.height];
             let page = pages.page();
-            return Err(Error::input(format!("{name}: page {page}: {a} x {b} px: expected {c} x {d} px, {why}")));
+            return Err(Error::input(format!(
+                "{name}: page {page}: {a} x {b} px: expected {c} x {d} px, {why}"
+            )));
         }
         expected.bits = expected.bits.max(found.bits);
         is_plain &= pages.is_plain();

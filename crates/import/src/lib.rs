@@ -167,7 +167,7 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     let size = scan.as_ref().map(|(_, scan)| (scan.width, scan.height));
     let frames = Frames::find(options, size)?;
     let size = (frames.size().width as usize, frames.size().height as usize);
-    let correction = Correction::read(options.dark.as_deref(), options.flat.as_deref(), size)?;
+    let correction = Correction::read(options, size)?;
     if let Some((_, scan)) = &mut scan {
         scan.planes.iter_mut().for_each(|plane| correction.apply(plane));
         if options.toward_lens {
@@ -178,9 +178,11 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     spinner.set_message("particles of the scan");
     let mut warnings = scan.as_ref().map_or_else(Vec::new, |(_, scan)| scan.warnings.clone());
     let made = scan.as_ref().map(|(file, scan)| stacks::Stacks::cut(scan, file, options)).transpose()?;
-    let noise = scan.as_ref().zip(made.as_ref()).map(|((_, scan), made)| noise::of_scan(scan, made.background));
+    let noise =
+        scan.as_ref().zip(made.as_ref()).map(|((_, scan), made)| noise::of_scan(scan, made.background));
     warnings.extend(made.iter().flat_map(|made| made.warnings.iter().cloned()));
-    let model = optics.as_ref().zip(made.as_ref()).map(|(optics, made)| optics.at(made, &spinner)).transpose()?;
+    let model =
+        optics.as_ref().zip(made.as_ref()).map(|(optics, made)| optics.at(made, &spinner)).transpose()?;
     warnings.extend(model.iter().filter_map(optics::Model::warning));
     spinner.finish();
 
@@ -237,7 +239,9 @@ fn needs_scan(options: &ImportOptions) -> Result<()> {
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         None => Ok(()),
-        Some((key, _)) => Err(Error::option(advice!(option(key), ": expected with ", option("scan"), " only"))),
+        Some((key, _)) => {
+            Err(Error::option(advice!(option(key), ": expected with ", option("scan"), " only")))
+        }
     }
 }
 

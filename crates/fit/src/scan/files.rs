@@ -68,12 +68,34 @@ fn names(folder: &Path) -> Result<Vec<String>> {
     if names.is_empty() {
         let stacks = walk::names(folder, |name| name.starts_with("d_") && name.ends_with("um"))?;
         let hint = stacks.first().map_or_else(String::new, |name| {
-            format!("; this folder contains stacks for several particle sizes; give one of them, such as {name}")
+            format!(
+                "; this folder contains stacks for several particle sizes; give one of them, such as {name}"
+            )
         });
         let folder = folder.display();
         return Err(Error::input(format!("{folder}: no *.tif files: expected one image per plane{hint}")));
     }
     Ok(names)
+}
+
+/// The channel that is given, or the only one that a file states.
+///
+/// # Errors
+/// Several channels of which none is given, or none of them.
+pub fn chosen_channel(file: &str, stated: Option<&Arrangement>, given: Option<usize>) -> Result<usize> {
+    let channels = stated.map_or(1, |of| of.sizes[0]);
+    match given {
+        None if channels == 1 => Ok(0),
+        Some(channel) if channel < channels => Ok(channel),
+        _ => {
+            let by = stated.map_or("nothing is stated", |of| of.by);
+            let s = if channels == 1 { "" } else { "s" };
+            let what = format!("{file}: {channels} channel{s} ({by}): expected ");
+            let given = given.map_or(option("page"), |channel| option("page").of(channel));
+            let last = format!(" to be one of 0 to {}, the channel with the particles", channels - 1);
+            Err(Error::option(advice!(what, given, last)))
+        }
+    }
 }
 
 impl ScanFiles {
@@ -145,23 +167,12 @@ impl ScanFiles {
         let n = counts.len();
         let is_folder = !self.names.is_empty();
         let stated = pages.arrangement(n)?;
-        let [channels, slices, times] = stated.as_ref().map_or([1, n, 1], |of| of.sizes);
+        let [_, slices, times] = stated.as_ref().map_or([1, n, 1], |of| of.sizes);
         let is_part = stated.as_ref().is_some_and(|of| !of.set.is_empty());
         if is_folder && slices > 1 && !is_part {
             return Err(Error::input(format!("{name}: {n} images: expected one per file in a folder")));
         }
-        let chosen = match (channel, channels) {
-            (None, 1) => 0,
-            (Some(channel), _) if channel < channels => channel,
-            (channel, _) => {
-                let by = stated.map_or("nothing is stated", |of| of.by);
-                let s = if channels == 1 { "" } else { "s" };
-                let what = format!("{name}: {channels} channel{s} ({by}): expected ");
-                let given = channel.map_or(option("page"), |channel| option("page").of(channel));
-                let last = format!(" to be one of 0 to {}, the channel with the particles", channels - 1);
-                return Err(Error::option(advice!(what, given, last)));
-            }
-        };
+        let chosen = chosen_channel(&name.to_string(), stated.as_ref(), channel)?;
         let wrong = |what: String| Error::input(format!("{name}: {what}"));
         if let Some(of) = &stated {
             let step = self.or_wrong(of.step_um());
@@ -215,7 +226,8 @@ impl ScanFiles {
             StagePositions::Given(stage_um) if stage_um.len() == n => stage_um.clone(),
             StagePositions::Given(stage_um) => {
                 let (planes, given) = (self.planes(), stage_um.len());
-                let what = format!(": {given} positions: expected one for each of {planes} planes or {n} frames");
+                let what =
+                    format!(": {given} positions: expected one for each of {planes} planes or {n} frames");
                 return Err(Error::option(advice!(option("z"), what)));
             }
             StagePositions::Step(step) if self.are_times => {
@@ -286,7 +298,9 @@ impl ScanFiles {
         let (first, last) = (means[0], means[means.len() - 1]);
         let mean_step = (last - first) / (means.len() - 1).max(1) as f64;
         let has_steps = |step: f64| {
-            means.windows(2).all(|pair| ((pair[1] - pair[0]).abs() - step.abs()).abs() <= SAME_STEP * step.abs())
+            means
+                .windows(2)
+                .all(|pair| ((pair[1] - pair[0]).abs() - step.abs()).abs() <= SAME_STEP * step.abs())
         };
         let spread = planes.iter().map(|(_, _, low, high)| high - low).fold(0.0, f64::max);
         if spread > SAME_SLICE * mean_step.abs() {
@@ -295,7 +309,8 @@ impl ScanFiles {
         if !positions.iter().all(|(_, at)| at.has_unit) && !self.step_um.is_some_and(has_steps) {
             return Err(format!("{by} states positions {first} to {last} without a unit{step}"));
         }
-        let mut text = format!("stage positions {first} to {last} um of {} planes, as {by} states", means.len());
+        let mut text =
+            format!("stage positions {first} to {last} um of {} planes, as {by} states", means.len());
         if spread > 0.0 {
             text += &format!(", means of frames up to {spread} um apart");
         }
@@ -303,7 +318,9 @@ impl ScanFiles {
             text += ", in unequal steps";
         }
         if let Some(step) = self.step_um.filter(|step| !has_steps(*step)) {
-            text += &format!("; the step of {step} um that it also states contradicts these positions and is not used");
+            text += &format!(
+                "; the step of {step} um that it also states contradicts these positions and is not used"
+            );
         }
         said.push(text);
         Ok(self.frames.iter().map(|frame| means[frame.slice]).collect())

@@ -64,7 +64,8 @@ impl Length {
 /// A unit of length in um, by a name or symbol that ImageJ, OME or TrackMate write; `None` for others, such as
 /// pixels.
 pub fn unit_um(unit: &str) -> Option<f64> {
-    let unit = unit.trim().replace("\\u00B5", "u").replace("\\u00b5", "u").replace(['\u{b5}', '\u{3bc}'], "u");
+    let unit =
+        unit.trim().replace("\\u00B5", "u").replace("\\u00b5", "u").replace(['\u{b5}', '\u{3bc}'], "u");
     let by_symbol = match unit.as_str() {
         "m" => 1e6,
         "dm" => 1e5,
@@ -336,7 +337,9 @@ impl Ome {
             ("OME", _) => self.uuid = attribute(e, "UUID")?,
             ("BinaryOnly", _) => {
                 let other = attribute(e, "MetadataFile")?.unwrap_or_default();
-                return Err(format!("OME-XML is in another file, {other:?}: expected a file that has its own"));
+                return Err(format!(
+                    "OME-XML is in another file, {other:?}: expected a file that has its own"
+                ));
             }
             ("Pixels", _) => {
                 let order = attribute(e, "DimensionOrder")?.unwrap_or_else(|| "XYCZT".to_owned());
@@ -480,10 +483,15 @@ mod tests {
     #[test]
     fn files_of_a_set_have_their_part_of_it() {
         let block = |t: usize, ifd: usize, file: &str, uuid: &str| {
-            format!("<TiffData FirstT='{t}' IFD='{ifd}' PlaneCount='1'><UUID FileName='{file}'>{uuid}</UUID></TiffData>")
+            format!(
+                "<TiffData FirstT='{t}' IFD='{ifd}' PlaneCount='1'><UUID FileName='{file}'>{uuid}</UUID></TiffData>"
+            )
         };
-        let blocks =
-            [block(0, 0, "b.ome.tif", "u:b"), block(1, 1, "a.ome.tif", "u:a"), block(2, 0, "a.ome.tif", "u:a")];
+        let blocks = [
+            block(0, 0, "b.ome.tif", "u:b"),
+            block(1, 1, "a.ome.tif", "u:a"),
+            block(2, 0, "a.ome.tif", "u:a"),
+        ];
         let text = ome("SizeT='3'", &blocks.concat());
         let arranged = read(&text, 2).unwrap().unwrap();
         assert_eq!((arranged.pages, arranged.set.len()), (vec![[0, 0, 2], [0, 0, 1]], 2));
@@ -509,7 +517,11 @@ mod tests {
             (ome("SizeZ='0'", ""), 2, "at least 1"),
             (ome("SizeZ='2'", "").replace("XYCZT", ""), 3, "not the 3 pages"),
             (ome("DimensionOrder='XYZZT'", ""), 1, "the order \"XYZZT\""),
-            (ome("SizeZ='2'", "").replace("</o:Image>", "</o:Image><o:Image><o:Pixels/></o:Image>"), 2, "2 images"),
+            (
+                ome("SizeZ='2'", "").replace("</o:Image>", "</o:Image><o:Image><o:Pixels/></o:Image>"),
+                2,
+                "2 images",
+            ),
             ("<OME><BinaryOnly MetadataFile='m.ome'/></OME>".to_owned(), 2, "another file, \"m.ome\""),
             ("<OME><Image></OME>".to_owned(), 2, "damaged"),
             ("ImageJ=1\nimages=3\nslices=3\n".to_owned(), 6, "3 images, the file has 6"),
@@ -525,8 +537,18 @@ mod tests {
     #[test]
     fn steps_and_positions_are_in_um() {
         for (unit, um) in [
-            ("\u{b5}m", 1.0), ("\u{3bc}m", 1.0), ("\\u00B5m", 1.0), ("Micron", 1.0), ("micrometers", 1.0), ("nm", 1e-3),
-            ("mm", 1e3), ("Nanometer", 1e-3), ("inch", 25_400.0), ("inches", 25_400.0), ("in", 25_400.0), ("m", 1e6),
+            ("\u{b5}m", 1.0),
+            ("\u{3bc}m", 1.0),
+            ("\\u00B5m", 1.0),
+            ("Micron", 1.0),
+            ("micrometers", 1.0),
+            ("nm", 1e-3),
+            ("mm", 1e3),
+            ("Nanometer", 1e-3),
+            ("inch", 25_400.0),
+            ("inches", 25_400.0),
+            ("in", 25_400.0),
+            ("m", 1e6),
         ] {
             assert_eq!(unit_um(unit), Some(um), "{unit}");
         }
@@ -542,7 +564,8 @@ mod tests {
         assert_eq!(step(&ome("SizeZ='2' PhysicalSizeZ='0.5'", "")), Ok(Some(0.5)));
         assert_eq!(step(&ome("SizeZ='2' PhysicalSizeZ='2000' PhysicalSizeZUnit='nm'", "")), Ok(Some(2.0)));
         assert!(step(&ome("SizeZ='2' PhysicalSizeZ='0'", "")).unwrap_err().contains("expected a step"));
-        let planes = "<Plane TheZ='1' PositionZ='-3' PositionZUnit='&#181;m'/><Plane TheZ='0' PositionZ='1e-3'/>";
+        let planes =
+            "<Plane TheZ='1' PositionZ='-3' PositionZUnit='&#181;m'/><Plane TheZ='0' PositionZ='1e-3'/>";
         let arranged = read(&ome("SizeZ='2'", planes), 2).unwrap().unwrap();
         let at = |page| arranged.position(page).unwrap().map(|at| (at.um, at.has_unit));
         assert_eq!([at(0), at(1)], [Some((1e-3, false)), Some((-3.0, true))]);

@@ -11,7 +11,7 @@ use ::tiff::{ColorType, TiffError, TiffResult};
 use crate::sensor::Counts;
 
 /// Most bytes of a description and of a packed image: OME-XML of a long series has some of 1e6.
-const MOST_BYTES: usize = 1 << 28;
+const MOST_BYTES: usize = 1 << 27;
 
 /// Values of the tag of the photometric interpretation.
 const WHITE_IS_ZERO: u64 = 0;

@@ -57,7 +57,10 @@ impl<R: Read + Seek> Pages<R> {
             let offset = pages.images.raw_data(bytes).map_err(damaged)?;
             let room = pages.images.length().map_err(|e| Error::io(name, e))?;
             let fits = |offset: &u64| {
-                bytes.checked_mul(stated as u64).is_some_and(|all| *offset <= room && all <= room - offset)
+                bytes > 0
+                    && bytes
+                        .checked_mul(stated as u64)
+                        .is_some_and(|all| *offset <= room && all <= room - offset)
             };
             let offset = offset.filter(fits).ok_or_else(|| {
                 malformed(name, format!("it states {stated} images, which its data do not hold"))
@@ -90,7 +93,8 @@ impl<R: Read + Seek> Pages<R> {
             Ok(Numbers::Signed(bits)) => format!("signed numbers of {bits} bit"),
             Err(found) => found,
         };
-        Err(self.refuse(&format!("{found}: expected gray counts of 8 to 16 bit, as the camera recorded them")))
+        Err(self
+            .refuse(&format!("{found}: expected gray counts of 8 to 16 bit, as the camera recorded them")))
     }
 
     /// Whether any program reads the current page as these counts: a file of its own that is not packed,

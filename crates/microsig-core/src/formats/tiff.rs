@@ -16,6 +16,7 @@ use ::tiff::encoder::{
 use ::tiff::tags::{ResolutionUnit, Tag};
 use ::tiff::{TiffError, TiffResult};
 
+use super::arrangement::Arrangement;
 use super::gray::{GrayImages, told};
 use super::stack::equal_step;
 use crate::error::{Error, Fault};
@@ -219,15 +220,17 @@ pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) ->
         let count = counts.values().nth(at).unwrap_or_default();
         return Err(refuse(format!("{count} in column {column}, row {row}: expected a finite number")));
     }
+    // ImageJ's files above 4 GB have one directory.
+    let stated = images.description().map_err(damaged)?.map_or(1, |text| Arrangement::images(&text));
     let mut pages = 1;
     while images.has_next() && pages < MAX_PAGES {
         images.go_on().map_err(damaged)?;
         pages += 1;
     }
-    match pages {
+    match pages.max(stated.min(MAX_PAGES)) {
         1 => Ok(counts),
         MAX_PAGES => Err(refuse(format!("{MAX_PAGES} pages or more: expected a file with one image"))),
-        _ => Err(refuse(format!("{pages} pages: expected a file with one image"))),
+        pages => Err(refuse(format!("{pages} pages: expected a file with one image"))),
     }
 }
 

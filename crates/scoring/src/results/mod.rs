@@ -125,7 +125,7 @@ impl Source {
             let own = Path::new(file).extension()?.to_str()?.to_ascii_lowercase();
             EXTENSIONS.into_iter().find(|extension| *extension == own)
         };
-        let folder = if is_pattern { path.parent() } else { Some(path.as_path()) };
+        let folder = if is_pattern { path.parent() } else { Some(&*path) };
         let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let files = walk::names(folder, |file| {
             let is_wanted = if is_pattern { walk::fits(&name, file) } else { extension(file).is_some() };
