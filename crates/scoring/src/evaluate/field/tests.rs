@@ -79,6 +79,7 @@ fn rms(score: &Score) -> f64 {
 }
 
 const NONE: Conventions = Conventions {
+    unit: None,
     format: None,
     origin: None,
     y_up: None,
