@@ -152,18 +152,23 @@ impl Scan {
         files::channels(path)
     }
 
-    /// The scan restricted to planes `first` to `last`, counted from 0.
+    /// The scan restricted to planes `first` to `last`, counted from 0; all frames of a position are one plane.
     ///
     /// # Errors
     /// [`Error::Input`] if the range has too few planes or exceeds the scan.
     pub fn cut(mut self, first: usize, last: usize) -> Result<Scan> {
-        let n = self.planes.len();
+        let mut numbers = vec![0];
+        for pair in self.stage_um.windows(2) {
+            numbers.push(numbers[numbers.len() - 1] + usize::from(pair[0] != pair[1]));
+        }
+        let n = numbers[numbers.len() - 1] + 1;
         if last >= n || first > last || last - first + 1 < MIN_PLANES {
             let what = format!(": expected a range of at least {MIN_PLANES} planes within 0-{}", n - 1);
             return Err(Error::option(advice!(option("planes").of(format!("{first}-{last}")), what)));
         }
-        self.planes = self.planes.drain(first..=last).collect();
-        self.stage_um = self.stage_um[first..=last].to_vec();
+        let range = numbers.partition_point(|k| *k < first)..numbers.partition_point(|k| *k <= last);
+        self.planes = self.planes.drain(range.clone()).collect();
+        self.stage_um = self.stage_um[range].to_vec();
         Ok(self)
     }
 
@@ -367,7 +372,10 @@ mod tests {
             );
         }
         let given = StagePositions::Given(step(-1.0));
-        assert_eq!(read("imagej_tz.tif", None, &given).unwrap().stage_um[20], -6.0);
+        let scan = read("imagej_tz.tif", None, &given).unwrap();
+        assert_eq!(scan.stage_um[20], -6.0);
+        assert_eq!(scan.clone().cut(0, 6).unwrap().planes.len(), 21);
+        assert!(scan.cut(0, 7).is_err());
     }
 
     #[test]

@@ -101,7 +101,8 @@ impl Stacks {
         let mut warnings = Vec::new();
         // Where particles are dense, their images far from focus overlap, and the extent of one is not seen.
         let most = extent::half_spacing(&located);
-        let is_wide = options.window_px.is_none() && radii.iter().any(|radius| *radius > most);
+        let is_wide =
+            options.window_px.is_none() && most >= LEAST_HALF && radii.iter().any(|radius| *radius > most);
         if is_wide && particles.len() < options.particles.min(located.places.len()) {
             let narrow: Vec<usize> = radii.iter().map(|radius| *radius.min(&most)).collect();
             let narrow_half = half_px(scan, &narrow, options);

@@ -10,12 +10,12 @@ use ::tiff::{ColorType, TiffError, TiffResult};
 
 use crate::sensor::Counts;
 
-/// Most bytes of a description and of a packed image: OME-XML of a long series has some of 1e6.
+/// Most bytes of a description: OME-XML of a long series has millions.
 const MOST_BYTES: usize = 1 << 27;
 
 /// Values of the tag of the photometric interpretation.
 const WHITE_IS_ZERO: u64 = 0;
-const BLACK_IS_ZERO: u8 = 1;
+const BLACK_IS_ZERO: u64 = 1;
 const PALETTE: u64 = 3;
 
 /// The images of a file.
@@ -24,6 +24,8 @@ pub(super) struct GrayImages<R: Read + Seek> {
     index: usize,
     /// The photometric interpretation that the file states for the current image.
     photometric: Option<u64>,
+    /// Bits and width of the current image if its numbers are packed.
+    packed: Option<(u8, u32)>,
 }
 
 /// The numbers of an image.
@@ -42,8 +44,8 @@ impl<R: Read + Seek> GrayImages<R> {
     pub(super) fn open(reader: R) -> TiffResult<Self> {
         let mut limits = Limits::default();
         limits.ifd_value_size = MOST_BYTES;
-        let decoder = Decoder::new(Patched { inner: reader, at: 0, patch: None })?.with_limits(limits);
-        let mut images = GrayImages { decoder, index: 0, photometric: None };
+        let decoder = Decoder::new(Patched { inner: reader, at: 0, bytes: Vec::new() })?.with_limits(limits);
+        let mut images = GrayImages { decoder, index: 0, photometric: None, packed: None };
         images.prepare()?;
         Ok(images)
     }
@@ -55,32 +57,47 @@ impl<R: Read + Seek> GrayImages<R> {
 
     /// Goes to the next image.
     pub(super) fn go_on(&mut self) -> TiffResult<()> {
-        self.decoder.inner().patch = None;
+        self.decoder.inner().bytes.clear();
         self.decoder.next_image()?;
         self.index += 1;
         self.prepare()
     }
 
-    /// The decoder inverts images whose zero is white, and has no palettes: it is told that zero is black.
+    /// The decoder inverts images whose zero is white, and has no palettes and no packed numbers: it is told that
+    /// zero is black, and that rows of packed numbers are rows of bytes.
     fn prepare(&mut self) -> TiffResult<()> {
-        self.photometric = self.decoder.find_tag_unsigned(Tag::PhotometricInterpretation)?;
+        let mut numbers =
+            |tag: Tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
+        let (photometric, bits) = (numbers(Tag::PhotometricInterpretation)?, numbers(Tag::BitsPerSample)?);
+        let (samples, tiles) = (numbers(Tag::SamplesPerPixel)?, numbers(Tag::TileWidth)?);
+        (self.photometric, self.packed) = (photometric.first().copied(), None);
+        let mut told = Vec::new();
         if matches!(self.photometric, Some(WHITE_IS_ZERO | PALETTE)) {
-            self.decoder.inner().patch = self.place_of_photometric()?;
+            told.push((Tag::PhotometricInterpretation, BLACK_IS_ZERO));
+        }
+        if let ([bits @ 9..=15], [] | [1], []) = (&bits[..], &samples[..], &tiles[..]) {
+            let (width, _) = self.decoder.dimensions()?;
+            self.packed = Some((*bits as u8, width));
+            told.push((Tag::BitsPerSample, 8));
+            told.push((Tag::ImageWidth, (u64::from(width) * bits).div_ceil(8)));
+        }
+        if !told.is_empty() {
+            self.tell(&told)?;
             self.decoder.seek_to_image(self.index)?;
         }
         Ok(())
     }
 
-    /// Where the file has the lower byte of the photometric interpretation, in the directory of the image.
-    fn place_of_photometric(&mut self) -> TiffResult<Option<u64>> {
-        let Some(directory) = self.decoder.ifd_pointer() else { return Ok(None) };
+    /// Lets the decoder read other values than those in the directory of the image.
+    fn tell(&mut self, told: &[(Tag, u64)]) -> TiffResult<()> {
+        let Some(directory) = self.decoder.ifd_pointer() else { return Ok(()) };
         let is_little = self.decoder.byte_order() == ByteOrder::LittleEndian;
         let reader = self.decoder.inner();
         let number = |bytes: &[u8]| {
             let byte = |value: u64, byte: &u8| value << 8 | u64::from(*byte);
             if is_little { bytes.iter().rev().fold(0, byte) } else { bytes.iter().fold(0, byte) }
         };
-        let mut head = [0; 16];
+        let mut head = [0; 8];
         reader.seek(SeekFrom::Start(0))?;
         reader.read_exact(&mut head[..4])?;
         // Sizes of the count of entries, of an entry, and of what precedes the value in it.
@@ -91,30 +108,36 @@ impl<R: Read + Seek> GrayImages<R> {
             let start = directory.0 + count as u64 + k * entry;
             reader.seek(SeekFrom::Start(start))?;
             reader.read_exact(&mut head[..4])?;
-            if number(&head[..2]) == u64::from(Tag::PhotometricInterpretation.to_u16()) {
-                // A value of one, two, four or eight bytes.
-                let last = match number(&head[2..4]) {
-                    1 => 0,
-                    4 => 3,
-                    16 => 7,
-                    _ => 1,
-                };
-                return Ok(Some(start + before + if is_little { 0 } else { last }));
+            let tag = number(&head[..2]);
+            let Some((_, value)) = told.iter().find(|(told, _)| u64::from(told.to_u16()) == tag) else {
+                continue;
+            };
+            // Numbers of one, two, four or eight bytes.
+            let size = match number(&head[2..4]) {
+                1 => 1,
+                4 => 4,
+                16 => 8,
+                _ => 2,
+            };
+            for byte in 0..size {
+                let place = if is_little { byte } else { size - 1 - byte };
+                reader.bytes.push((start + before + place, (value >> (8 * byte)) as u8));
             }
         }
-        Ok(None)
+        Ok(())
     }
 
     /// Width and height, px.
     pub(super) fn size(&mut self) -> TiffResult<(u32, u32)> {
-        self.decoder.dimensions()
+        let (width, height) = self.decoder.dimensions()?;
+        Ok((self.packed.map_or(width, |(_, width)| width), height))
     }
 
     /// Whether any program reads the image as its counts: gray of 8 or 16 bit, not packed, inverted or with a
     /// palette.
     pub(super) fn is_plain(&mut self) -> bool {
         let numbers = self.numbers();
-        self.photometric == Some(u64::from(BLACK_IS_ZERO)) && matches!(numbers, Ok(Numbers::Unsigned(8 | 16)))
+        self.photometric == Some(BLACK_IS_ZERO) && matches!(numbers, Ok(Numbers::Unsigned(8 | 16)))
     }
 
     /// The type of the numbers.
@@ -124,7 +147,7 @@ impl<R: Read + Seek> GrayImages<R> {
     pub(super) fn numbers(&mut self) -> Result<Numbers, String> {
         let failed = |e: TiffError| told(&e);
         let bits = match self.decoder.colortype().map_err(failed)? {
-            ColorType::Gray(bits) => bits,
+            ColorType::Gray(bits) => self.packed.map_or(bits, |(packed, _)| packed),
             color => return Err(format!("{color:?}")),
         };
         if self.photometric == Some(PALETTE) {
@@ -152,8 +175,8 @@ impl<R: Read + Seek> GrayImages<R> {
     /// # Errors
     /// Data that cannot be decoded; numbers that are neither unsigned, of 8 to 16 bit, nor of floating point.
     pub(super) fn counts(&mut self) -> Result<Counts, String> {
-        let counts = match self.numbers()? {
-            Numbers::Unsigned(bits @ 9..=15) => Counts::Whole(self.unpacked(bits)?),
+        let counts = match (self.numbers()?, self.packed) {
+            (Numbers::Unsigned(_), Some(packed)) => Counts::Whole(self.unpacked(packed)?),
             _ => match self.decoder.read_image().map_err(|e| told(&e))? {
                 DecodingResult::U8(counts) => Counts::Whole(counts.into_iter().map(u16::from).collect()),
                 DecodingResult::U16(counts) => Counts::Whole(counts),
@@ -175,25 +198,18 @@ impl<R: Read + Seek> GrayImages<R> {
     }
 
     /// Numbers that are packed without gaps, the highest bit first; rows begin with a byte.
-    fn unpacked(&mut self, bits: u8) -> Result<Vec<u16>, String> {
+    fn unpacked(&mut self, (bits, width): (u8, u32)) -> Result<Vec<u16>, String> {
         let failed = |e: TiffError| told(&e);
-        if self.decoder.find_tag_unsigned::<u16>(Tag::Predictor).map_err(failed)?.unwrap_or(1) != 1 {
-            return Err(format!("{bits} bit with a predictor: expected 8 or 16 bit"));
+        for (tag, what) in
+            [(Tag::Predictor, "with a predictor"), (Tag::FillOrder, "with the lowest bit first")]
+        {
+            if self.decoder.find_tag_unsigned::<u16>(tag).map_err(failed)?.unwrap_or(1) != 1 {
+                return Err(format!("{bits} bit {what}: expected none of this kind"));
+            }
         }
-        if self.decoder.find_tag_unsigned::<u16>(Tag::FillOrder).map_err(failed)?.unwrap_or(1) != 1 {
-            return Err("bits in reverse order: expected the highest one first".to_owned());
-        }
-        let (width, height) = self.size().map_err(failed)?;
-        let row = (width as usize * usize::from(bits)).div_ceil(8);
-        let mut bytes = match row.checked_mul(height as usize) {
-            Some(n) if n <= MOST_BYTES => vec![0; n],
-            _ => return Err(format!("{width} x {height} px: expected at most {MOST_BYTES} bytes")),
+        let DecodingResult::U8(bytes) = self.decoder.read_image().map_err(failed)? else {
+            return Err(format!("{bits} bit: expected packed numbers"));
         };
-        self.decoder.read_image_bytes(&mut bytes).map_err(failed)?;
-        if self.decoder.byte_order() != ByteOrder::native() {
-            // The decoder took them for numbers of two bytes.
-            bytes.chunks_mut(row).for_each(|row| row.chunks_exact_mut(2).for_each(|pair| pair.swap(0, 1)));
-        }
         let unpack = |row: &[u8]| -> Vec<u16> {
             let (mut rest, mut have, mut counts) = (0u32, 0, Vec::with_capacity(width as usize));
             for byte in row {
@@ -206,6 +222,7 @@ impl<R: Read + Seek> GrayImages<R> {
             }
             counts
         };
+        let row = (width as usize * usize::from(bits)).div_ceil(8).max(1);
         Ok(bytes.chunks(row).flat_map(unpack).collect())
     }
 
@@ -273,19 +290,20 @@ pub(super) fn told(e: &TiffError) -> String {
     }
 }
 
-/// A file of which one byte is read as that of [`BLACK_IS_ZERO`].
+/// A file of which some bytes, by their places, are read as others.
 struct Patched<R> {
     inner: R,
     at: u64,
-    patch: Option<u64>,
+    bytes: Vec<(u64, u8)>,
 }
 
 impl<R: Read> Read for Patched<R> {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         let n = self.inner.read(buffer)?;
-        let patched = self.patch.and_then(|patch| patch.checked_sub(self.at)).filter(|k| *k < n as u64);
-        if let Some(byte) = patched.and_then(|k| buffer.get_mut(k as usize)) {
-            *byte = BLACK_IS_ZERO;
+        for (place, byte) in &self.bytes {
+            if let Some(k) = place.checked_sub(self.at).filter(|k| *k < n as u64) {
+                buffer[k as usize] = *byte;
+            }
         }
         self.at += n as u64;
         Ok(n)
