@@ -173,6 +173,8 @@ impl FieldRows {
             reversal,
             is_y_up: given.y_up.unwrap_or(false),
             is_stated,
+            is_per_s: unit.contains("/s"),
+            is_calibrated: !unit.starts_with("px"),
         };
         let size = given.width_px.zip(given.height_px);
         let needs_size = || {
@@ -214,7 +216,7 @@ impl FieldRows {
                 (v.at.y_px, v.moved[1]) = (sum - v.at.y_px, -v.moved[1]);
             }
         }
-        if unit != "px"
+        if placement.is_calibrated
             && let Some((width, height)) = size
         {
             problems.extend(self.beyond(name, &unit, (width, height)));
@@ -289,8 +291,9 @@ impl FieldRows {
         let is_inside = left > -0.5 && top > -0.5 && right < width + 1.5 && bottom < height + 1.5;
         (!is_inside && !self.vectors.is_empty()).then(|| {
             format!(
-                "{name}: x, y in {unit} are {left:.1} to {right:.1} px and {top:.1} to {bottom:.1} px, beyond the image of \
-                 {width} x {height} px: the file has another scale or an origin of its own; export it in px"
+                "{name}: x, y in {} are {left:.1} to {right:.1} px and {top:.1} to {bottom:.1} px, beyond the image of \
+                 {width} x {height} px: the file has another scale or an origin of its own; export it in px",
+                unit.split(',').next().unwrap_or_default()
             )
         })
     }

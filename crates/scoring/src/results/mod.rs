@@ -321,7 +321,11 @@ fn of_pairs(files: &[InputFile], format: Format, given: &Conventions) -> Result<
         Some(PairChoice::First(first)) => Some(first),
         None if stated.len() == files.len() => None,
         None => match given.pairs {
-            Some((n, _)) if n as usize != files.len() => {
+            Some((n, _)) if (n as usize) < files.len() => {
+                let what = format!("{} files of a field for {n} image pairs", files.len());
+                return Err(Error::input(format!("{}: {what}", name(&files[0]))));
+            }
+            Some((n, _)) if n as usize > files.len() => {
                 let what = format!("{} files for {n} image pairs; give ", files.len());
                 return Err(Error::option(advice!(what, option("pair"), ", the pair of the first file")));
             }

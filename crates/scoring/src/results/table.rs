@@ -125,6 +125,10 @@ pub struct Placement {
     pub is_y_up: bool,
     /// Whether the file states its units.
     pub is_stated: bool,
+    /// Whether its displacements are per unit of time.
+    pub is_per_s: bool,
+    /// Whether its positions are lengths.
+    pub is_calibrated: bool,
 }
 
 impl Placement {

@@ -71,19 +71,25 @@ pub(super) fn hints(
             hints.push(Hint { rms_px: Some(after), rms_px_now: Some(before), ..hint });
         }
     }
+    let is_far = (0..2).any(|k| sure[k].is_some_and(|sigma| shift[k].abs() > (5.0 * sigma).max(0.3)));
+    if hints.is_empty() && field.placement.is_calibrated && is_far {
+        let detail = format!(
+            "The flow gradients indicate ({:+.2}, {:+.2}) px: export positions in px, or from the corner of the image",
+            shift[0], shift[1]
+        );
+        hints.push(Hint::new("do positions have an origin of their own?", &detail));
+    }
     hints
 }
 
 /// Another reading of the values of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Reading {
-    /// Index of the unit of positions in [`LENGTHS`]; `None` for px.
+    /// Index of the unit of positions in [`LENGTHS`]; `None` for that of the result.
     at: Option<usize>,
-    /// The same for displacements.
-    moved: Option<usize>,
-    /// Whether displacements are per s.
-    is_per_s: bool,
     axes: Axes,
+    /// Factor of displacements.
+    moved: f64,
 }
 
 /// What is reversed.
@@ -100,110 +106,111 @@ enum Axes {
     Both,
 }
 
-impl Reading {
-    /// All readings, those with fewer changes first.
-    fn all() -> Vec<Self> {
-        let lengths = || [None].into_iter().chain((0..LENGTHS.len()).map(Some));
-        let mut all = Vec::new();
-        for axes in [Axes::Kept, Axes::Y, Axes::V, Axes::X, Axes::Both] {
-            for (at, moved) in lengths().flat_map(|at| lengths().map(move |moved| (at, moved))) {
-                all.extend([false, true].map(|is_per_s| Reading { at, moved, is_per_s, axes }));
-            }
-        }
-        all.sort_by_key(Reading::changes);
-        all
+/// A field with what its readings need.
+struct Readings<'a> {
+    field: &'a Field,
+    grid: &'a TrueField,
+    facts: &'a RecordingFacts,
+    /// Sum of y and reversed y, px.
+    sum_px: Option<f64>,
+}
+
+impl Readings<'_> {
+    /// px per unit of positions.
+    fn px(&self, at: Option<usize>) -> Option<f64> {
+        at.map_or(Some(1.0), |k| Some(LENGTHS[k].1 / self.facts.um_per_px?))
     }
 
-    fn changes(&self) -> usize {
-        let units = usize::from(self.at.is_some()) + usize::from(self.moved != self.at);
-        units + usize::from(self.is_per_s) + usize::from(self.axes != Axes::Kept)
-    }
-
-    /// px per unit of positions and displacements; `None` if the facts of the dataset do not tell.
-    fn factors(&self, facts: &RecordingFacts) -> Option<[f64; 2]> {
-        let px = |unit: Option<usize>| unit.map_or(Some(1.0), |k| Some(LENGTHS[k].1 / facts.um_per_px?));
-        let time = if self.is_per_s { facts.dt_s? } else { 1.0 };
-        Some([px(self.at)?, px(self.moved)? * time])
-    }
-
-    /// RMS end-point error of the valid ones of `vectors`, and the share of them that has a truth; `None` if
-    /// a size of the image is needed and unknown.
-    fn rms_px(
-        &self,
-        vectors: &[&FlowVector],
-        (field, sum_px): (&Field, Option<f64>),
-        grid: &TrueField,
-        facts: &RecordingFacts,
-    ) -> Option<(f64, f64)> {
-        let [length, moved] = self.factors(facts)?;
-        let shift = field.placement.shift_px;
+    /// RMS end-point error of vectors, of which at least half are where there is a truth; and the factor of
+    /// displacements with the least error.
+    fn rms_px(&self, reading: Reading, vectors: &[&FlowVector]) -> Option<(f64, f64)> {
+        let (length, axes) = (self.px(reading.at)?, reading.axes);
+        let placement = &self.field.placement;
+        let shift = placement.shift_px;
         let scaled = |axis: usize, at: f64| (at - shift[axis]) * length + shift[axis];
-        let sum_y = match self.axes {
-            Axes::Y | Axes::Both if self.at.is_some() => {
-                // The sum of positions in the file, or that of the image, which has no other scale.
-                let is_grid = field.placement.reversal == Reversal::Grid;
-                sum_px.map(|sum| if is_grid { (sum - 2.0 * shift[1]) * length + 2.0 * shift[1] } else { sum })
-            }
-            _ => sum_px,
-        };
-        let sum_x = facts.sensor_px.map(|(width, _)| field.placement.reversed_px(0, width));
-        let (is_x, is_y) =
-            (matches!(self.axes, Axes::X | Axes::Both), matches!(self.axes, Axes::Y | Axes::Both));
-        let reverse = |at: f64, is_reversed: bool, sum: Option<f64>| {
-            if is_reversed { sum.map(|sum| sum - at) } else { Some(at) }
-        };
-        let (mut n, mut squares) = (0.0, 0.0);
+        // Within the grid, the sum has the scale of positions.
+        let is_grid = placement.reversal == Reversal::Grid;
+        let sum_y = self.sum_px.map(|sum| if is_grid { scaled(1, sum - shift[1]) + shift[1] } else { sum });
+        let sum_x = self.facts.sensor_px.map(|(width, _)| placement.reversed_px(0, width));
+        let (is_x, is_y) = (matches!(axes, Axes::X | Axes::Both), matches!(axes, Axes::Y | Axes::Both));
+        let reversed = |at: f64, is: bool, sum: Option<f64>| if is { Some(sum? - at) } else { Some(at) };
+        let sign = |is_reversed: bool| if is_reversed { -1.0 } else { 1.0 };
+        let [mut n, mut squares, mut product, mut truth] = [0.0; 4];
         for v in vectors {
-            let at = Position {
-                x_px: reverse(scaled(0, v.at.x_px), is_x, sum_x)?,
-                y_px: reverse(scaled(1, v.at.y_px), is_y, sum_y)?,
-                ..v.at
-            };
-            let sign = |is_reversed: bool| if is_reversed { -moved } else { moved };
-            let [u, w] = [v.moved[0] * sign(is_x), v.moved[1] * sign(is_y || self.axes == Axes::V)];
-            if let Some([x, y, _]) = grid.at(&FlowVector { at, ..**v }) {
-                (n, squares) = (n + 1.0, squares + (u - x).powi(2) + (w - y).powi(2));
+            let x_px = reversed(scaled(0, v.at.x_px), is_x, sum_x)?;
+            let y_px = reversed(scaled(1, v.at.y_px), is_y, sum_y)?;
+            let at = Position { x_px, y_px, ..v.at };
+            let (u, w) = (v.moved[0] * sign(is_x), v.moved[1] * sign(is_y || axes == Axes::V));
+            if let Some([x, y, _]) = self.grid.at(&FlowVector { at, ..**v }) {
+                n += 1.0;
+                squares += u * u + w * w;
+                product += u * x + w * y;
+                truth += x * x + y * y;
             }
         }
-        Some(((squares / n).sqrt(), n / vectors.len() as f64))
+        let k = reading.moved;
+        let rms = ((k * k * squares - 2.0 * k * product + truth).max(0.0) / n).sqrt();
+        (2.0 * n >= vectors.len() as f64).then_some((rms, product / squares))
+    }
+
+    /// Unit and time of displacements that have the factor of a reading.
+    fn known(&self, reading: Reading) -> Option<(Option<usize>, &'static str, f64)> {
+        let units = [reading.at, None].into_iter().chain((0..LENGTHS.len()).map(Some));
+        let times = [Some(("", 1.0)), self.facts.dt_s.map(|dt_s| ("/s", dt_s))];
+        units.flat_map(|unit| times.map(|time| (unit, time))).find_map(|(unit, time)| {
+            let (per, s) = time?;
+            ((self.px(unit)? * s / reading.moved - 1.0).abs() < 0.02).then_some((unit, per, s))
+        })
     }
 
     /// The question, changes to the file, and the options that read it so.
-    fn words(&self, field: &Field, facts: &RecordingFacts) -> (String, Vec<String>, Vec<Named>) {
-        let unit = |k: Option<usize>| k.map_or("px", |k| LENGTHS[k].0);
-        let per = if self.is_per_s { "/s" } else { "" };
+    fn words(&self, reading: Reading) -> (String, Vec<String>, Vec<Named>) {
+        let placement = &self.field.placement;
+        let (length, dt_s) = (self.px(reading.at).unwrap_or(1.0), self.facts.dt_s);
         let (mut asked, mut changes, mut options) = (Vec::new(), Vec::new(), Vec::new());
-        if self.at.is_some() || self.moved.is_some() || self.is_per_s {
-            asked.push(match self.at {
-                None => format!("u and v in {}{per}", unit(self.moved)),
-                at => format!("x and y in {}, u and v in {}{per}", unit(at), unit(self.moved)),
-            });
-            let (um, dt) = (facts.um_per_px.unwrap_or(1.0), facts.dt_s.unwrap_or(1.0));
-            let has_options = !field.placement.is_stated && self.at == self.moved;
-            let um_is_used = self.at.is_some() || self.moved.is_some();
-            if has_options {
-                options.extend(um_is_used.then(|| option("um_per_px").of(um)));
-                options.extend(self.is_per_s.then(|| option("dt_s").of(dt)));
-            } else if let Some([length, moved]) = self.factors(facts) {
-                changes.push(format!("multiply x and y by {length} and u and v by {moved}"));
+        let known = self.known(reading);
+        let name = |unit: Option<usize>| unit.map_or("px", |k| LENGTHS[k].0);
+        if reading.at.is_some() || reading.moved != 1.0 {
+            // Otherwise the time between frames is another one.
+            let (unit, per, s) = known.unwrap_or((reading.at, "/s", reading.moved / length));
+            let um = self.facts.um_per_px.filter(|_| reading.at.is_some());
+            if placement.is_stated && placement.is_per_s && reading.at.is_none() {
+                asked.push("u and v for another time between frames".to_owned());
+                options.push(option("dt_s").of(significant(reading.moved * dt_s.unwrap_or(1.0))));
+            } else {
+                let positions =
+                    reading.at.map_or(String::new(), |at| format!("x and y in {}, ", LENGTHS[at].0));
+                asked.push(format!("{positions}u and v in {}{per}", name(unit)));
+                if placement.is_stated || unit != reading.at {
+                    changes.push(format!("multiply x and y by {length} and u and v by {}", reading.moved));
+                } else {
+                    options.extend(um.map(|um| option("um_per_px").of(um)));
+                    let s = if known.is_some() { s } else { significant(s) };
+                    options.extend((per == "/s").then(|| option("dt_s").of(s)));
+                }
             }
         }
-        let y = if field.placement.is_y_up { "down" } else { "up" };
-        asked.extend(match self.axes {
+        let y = if placement.is_y_up { "down" } else { "up" };
+        asked.extend(match reading.axes {
             Axes::Kept => None,
             Axes::Y => Some(format!("y grows {y}ward")),
             Axes::V => Some("v has the wrong sign".to_owned()),
             Axes::X => Some("x grows to the left".to_owned()),
             Axes::Both => Some(format!("x grows to the left and y {y}ward")),
         });
-        match self.axes {
+        match reading.axes {
             Axes::V => changes.push("write v with the other sign".to_owned()),
             Axes::X | Axes::Both => changes.push("write x and u to the right".to_owned()),
             Axes::Kept | Axes::Y => {}
         }
-        options.extend(matches!(self.axes, Axes::Y | Axes::Both).then(|| option("y").is(y)));
+        options.extend(matches!(reading.axes, Axes::Y | Axes::Both).then(|| option("y").is(y)));
         (format!("{}?", asked.join("; ")), changes, options)
     }
+}
+
+/// A number with six digits.
+fn significant(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
 }
 
 /// The reading in other units or with reversed axes that fits much better than that of the result, if any.
@@ -214,41 +221,51 @@ fn other_reading(field: &Field, grid: &TrueField, facts: &RecordingFacts) -> Opt
     if valid.len() < FEWEST {
         return None;
     }
-    let height = facts.sensor_px.map(|(_, height)| height);
-    let of = (field, field.placement.sum_px(&field.vectors, height));
+    let sum_px = field.placement.sum_px(&field.vectors, facts.sensor_px.map(|(_, height)| height));
+    let readings = Readings { field, grid, facts, sum_px };
     let sample: Vec<&FlowVector> = valid.iter().copied().step_by(valid.len().div_ceil(SAMPLE)).collect();
-    let now = Reading { at: None, moved: None, is_per_s: false, axes: Axes::Kept };
+    let now = Reading { at: None, axes: Axes::Kept, moved: 1.0 };
     // A field within two pixels is in another unit, whatever its error.
     let range = |of: fn(&Position) -> f64| {
         let values = || valid.iter().map(|v| of(&v.at));
         values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
     };
     let is_tiny = range(|at| at.x_px) < 2.0 && range(|at| at.y_px) < 2.0;
-    // Fewer than half of the vectors in the image tell nothing.
-    let error = |reading: &Reading, vectors: &[&FlowVector]| {
-        let (rms, share) = reading.rms_px(vectors, of, grid, facts)?;
-        (share >= 0.5 && !(reading.at.is_none() && is_tiny)).then_some(rms)
-    };
-    let mut best: Option<(Reading, f64)> = None;
-    for reading in Reading::all() {
-        let Some(rms) = error(&reading, &sample) else { continue };
-        // More changes need a clearly smaller error.
-        if best.is_none_or(|(_, least)| rms < 0.5 * least) {
-            best = Some((reading, rms));
+    let before = readings.rms_px(now, &valid).map(|(rms, _)| rms).filter(|_| !is_tiny);
+    let mut best: Option<(usize, Reading, f64)> = None;
+    for at in [None].into_iter().chain((0..LENGTHS.len()).map(Some)).filter(|at| !(at.is_none() && is_tiny)) {
+        for axes in [Axes::Kept, Axes::Y, Axes::V, Axes::X, Axes::Both] {
+            let kept = Reading { at, axes, moved: 1.0 };
+            let Some((rms, k)) = readings.rms_px(kept, &sample) else { continue };
+            // Damped displacements are not in another unit.
+            let scaled = (k > 0.0 && !(0.4..2.5).contains(&k)).then_some(Reading { moved: k, ..kept });
+            let scaled = scaled.and_then(|scaled| Some((scaled, readings.rms_px(scaled, &sample)?.0)));
+            for (reading, rms) in [(kept, rms)].into_iter().chain(scaled) {
+                let changes = usize::from(at.is_some())
+                    + usize::from(axes != Axes::Kept)
+                    + usize::from(reading.moved != 1.0);
+                // More changes need a clearly smaller error.
+                let is_better = best
+                    .is_none_or(|(fewer, _, least)| rms < least && (changes <= fewer || rms < 0.5 * least));
+                if is_better {
+                    best = Some((changes, reading, rms));
+                }
+            }
         }
     }
-    let (reading, _) = best.filter(|(reading, _)| *reading != now)?;
-    let (after, before) = (error(&reading, &valid)?, error(&now, &valid));
-    let spread = (valid.iter().filter_map(|v| grid.at(v)).map(|[u, v, _]| u * u + v * v).sum::<f64>()
-        / valid.len() as f64)
-        .sqrt();
-    // No better than zeros: another dataset.
-    if before.is_none() && spread > 0.0 && after > 2.0 * spread
-        || before.is_some_and(|before| after > 0.5 * before)
-    {
+    let (_, mut reading, _) = best.filter(|(_, reading, _)| *reading != now)?;
+    let (question, changes, options) = readings.words(reading);
+    // The factor that the options have.
+    if let Some((unit, _, s)) = readings.known(reading).filter(|_| reading.moved != 1.0) {
+        reading.moved = readings.px(unit)? * s;
+    }
+    let (after, _) = readings.rms_px(reading, &valid)?;
+    let size = valid.iter().filter_map(|v| grid.at(v)).map(|[u, v, _]| u * u + v * v).sum::<f64>();
+    let zeros = (size / valid.len() as f64).sqrt();
+    // Without a fit it is another dataset.
+    if before.is_some_and(|before| after > 0.5 * before) || (zeros > 0.0 && after > zeros) {
         return None;
     }
-    let (question, changes, options) = reading.words(field, facts);
     let instead = before.map(|before| format!(" instead of {before:.3}")).unwrap_or_default();
     let changes = changes.iter().map(|change| format!("; {change}")).collect::<String>();
     let hint =

@@ -123,11 +123,14 @@ fn pivlab(units: [&str; 2], factors: Option<[f64; 2]>, row: impl Fn([f64; 4]) ->
 #[test]
 fn fields_are_read_in_the_units_and_axes_of_each_program() {
     let (m, m_s) = (1e-6 * UM, 1e-6 * UM / DT);
-    let all = |f: f64, g: f64| move |[x, y, u, v]: [f64; 4]| vec![f * x, f * y, g * u, g * v, 1.0, 0.0, 0.1 * g];
+    let all =
+        |f: f64, g: f64| move |[x, y, u, v]: [f64; 4]| vec![f * x, f * y, g * u, g * v, 1.0, 0.0, 0.1 * g];
     let scale = Conventions { um_per_px: Some(UM), ..NONE };
     let both = Conventions { dt_s: Some(DT), ..scale };
     let insight = |names: &str, more: &str| {
-        format!("TITLE=\"a1.vec\" VARIABLES={names}, \"CHC\", DATASETAUXDATA Application=\"PIV\" {more} ZONE I=11, J=9, F=POINT")
+        format!(
+            "TITLE=\"a1.vec\" VARIABLES={names}, \"CHC\", DATASETAUXDATA Application=\"PIV\" {more} ZONE I=11, J=9, F=POINT"
+        )
     };
     let scales = "DATASETAUXDATA MicrometersPerPixelX=\"0.5\" DATASETAUXDATA OriginInImageX=\"30\" DATASETAUXDATA \
                   OriginInImageY=\"20\" DATASETAUXDATA MicrosecondsPerDeltaT=\"20000\"";
@@ -135,7 +138,9 @@ fn fields_are_read_in_the_units_and_axes_of_each_program() {
                    conversion factor uv (px/frame -> m/s): 1\n# x [px] y [px] u [px/frame] v [px/frame] isNaN?\n\
                    TITLE = \"PIVlab frame: 2\"\nVARIABLES = \"x\", \"y\", \"u\", \"v\", \"isNaN\"\nZONE I=11, J=9, K=1, F=POINT, T=\"2\"";
     let davis = |length: &str, quantity: &str| {
-        format!("#DaVis 8.4.0 2D-vector 8 9 11 \"position\" \"{length}\" \"position\" \"{length}\" {quantity}")
+        format!(
+            "#DaVis 8.4.0 2D-vector 8 9 11 \"position\" \"{length}\" \"position\" \"{length}\" {quantity}"
+        )
     };
     let cases = [
         ("openpiv px", openpiv(1.0, 1.0, false), NONE),
@@ -172,9 +177,11 @@ fn fields_are_read_in_the_units_and_axes_of_each_program() {
         ("pivlab tecplot", table(tecplot, " ", |[x, y, u, v]| vec![x, y, u, v, 0.0]), NONE),
         (
             "insight px",
-            table(&insight("\"X pixel\", \"Y pixel\", \"U pixel\", \"V pixel\"", ""), ", ", |[x, y, u, v]| {
-                vec![x - 1.0, y - 1.0, u, v, 1.0]
-            }),
+            table(
+                &insight("\"X pixel\", \"Y pixel\", \"U pixel\", \"V pixel\"", ""),
+                ", ",
+                |[x, y, u, v]| vec![x - 1.0, y - 1.0, u, v, 1.0],
+            ),
             NONE,
         ),
         (
@@ -225,8 +232,18 @@ fn hints_promise_what_their_options_give() {
         (noisy(openpiv(1.0, 1.0, true)), "y grows upward?", "--y up", UP),
         (pivlab_up, "y grows upward?", "--y up", UP),
         (openpiv(m, m_s, false), "x and y in m, u and v in m/s?", "--um-per-px 0.5 --dt 0.02", both),
-        (openpiv(1e3 * m, 1e3 * m_s, false), "x and y in mm, u and v in mm/s?", "--um-per-px 0.5 --dt 0.02", both),
-        (openpiv(1.0, 1.0 / DT, false), "u and v in px/s?", "--dt 0.02", Conventions { dt_s: Some(DT), ..NONE }),
+        (
+            openpiv(1e3 * m, 1e3 * m_s, false),
+            "x and y in mm, u and v in mm/s?",
+            "--um-per-px 0.5 --dt 0.02",
+            both,
+        ),
+        (
+            openpiv(1.0, 1.0 / DT, false),
+            "u and v in px/s?",
+            "--dt 0.02",
+            Conventions { dt_s: Some(DT), ..NONE },
+        ),
         (
             openpiv(m, m_s, true),
             "x and y in m, u and v in m/s; y grows upward?",
@@ -249,6 +266,25 @@ fn hints_promise_what_their_options_give() {
         assert!((rms(&then) - hint.rms_px.unwrap()).abs() < 1e-6, "{question}: {} {hint:?}", rms(&then));
         assert!(!then.hints.iter().any(|hint| hint.question == question), "{question}: {:?}", then.hints);
     }
+    // Another time between frames than that of the dataset.
+    let found = scored("f.txt", &openpiv(1e3 * m, 250.0 * m_s, false), NONE).hints.remove(0);
+    assert!(found.what.ends_with("px: --um-per-px 0.5 --dt 0.08"), "{found:?}");
+    let text = table(
+        "#DaVis 8.4.0 2D-vector 8 9 11 \"position\" \"mm\" \"position\" \"mm\" \"velocity\" \"m/s\"",
+        "\t",
+        |[x, y, u, v]| vec![1e3 * m * (x - 1.0), 1e3 * m * (y - 1.0), 0.25 * m_s * u, 0.25 * m_s * v],
+    );
+    let found = scored("f.txt", &text, NONE).hints.remove(0);
+    assert!(found.what.ends_with("px: --dt 0.08") && found.rms_px < Some(1e-6), "{found:?}");
+    // An origin of its own within the image.
+    let own = pivlab(["m", "m/frame"], Some([m, m]), |[x, y, u, v]| {
+        vec![m * (x + 4.6), m * y, m * u, m * v, 1.0, 0.0, 0.1]
+    });
+    let found = scored("f.txt", &own, NONE).hints.remove(0);
+    assert!(found.question.contains("an origin of their own") && found.what.contains("-4.60"), "{found:?}");
+    // Damped displacements are no unit.
+    let damped = scored("f.txt", &openpiv(1.0, 0.5, false), NONE).hints;
+    assert!(!damped.iter().any(|hint| hint.question.contains("u and v")), "{damped:?}");
     // Without an option: what to write.
     let sign = table("# x\ty\tu\tv\tflags\tmask", "\t", |[x, y, u, v]| vec![x, y, u, -v, 0.0, 0.0]);
     let hints = scored("f.txt", &sign, NONE).hints;
@@ -260,7 +296,8 @@ fn files_are_image_pairs() {
     let text = openpiv(1.0, 1.0, false);
     let files = |names: &[&'static str]| names.iter().map(|name| (*name, text.clone())).collect::<Vec<_>>();
     let two = files(&["f2.txt", "f10.txt"]);
-    let pairs = |score: &Score| score.field.as_ref().map(|field| (field.n_total, field.n_pairs_missing)).unwrap();
+    let pairs =
+        |score: &Score| score.field.as_ref().map(|field| (field.n_total, field.n_pairs_missing)).unwrap();
     for given in [".", "f*.txt"] {
         let score = score_of(&two, given, NONE).unwrap();
         assert_eq!((pairs(&score), score.warnings.len()), ((198, 0), 0));
@@ -281,13 +318,17 @@ fn files_are_image_pairs() {
     let stated = pivlab(["px", "px/frame"], Some([1.0; 2]), |[x, y, u, v]| vec![x, y, u, v, 1.0, 0.0, 0.1]);
     let stated = scored("f.txt", &stated, NONE);
     assert!(stated.warnings.len() == 1 && stated.assumptions.iter().any(|a| a.contains("FRAME: 2")));
-    let said = |files: &[(&str, String)], pair| score_of(files, ".", Conventions { pair, ..NONE }).unwrap_err();
+    let said =
+        |files: &[(&str, String)], pair| score_of(files, ".", Conventions { pair, ..NONE }).unwrap_err();
     let three = files(&["a.txt", "b.txt", "c.txt"]);
-    assert!(said(&three, None).contains("3 files for 2 image pairs; give --pair"), "{}", said(&three, None));
+    assert!(said(&three, None).contains("3 files of a field for 2 image pairs"), "{}", said(&three, None));
     assert!(said(&two, Some(PairChoice::All)).contains("the result has 2 files"));
     assert!(said(&files(&["a.txt", "b.dat"]), None).contains("several kinds"));
     assert!(said(&files(&["a.png"]), None).contains("no results"));
-    assert!(said(&[("a.csv", "frame,track,x_px,y_px\n0,0,1,1\n".to_owned())], None).contains("particles in several"));
+    assert!(
+        said(&[("a.csv", "frame,track,x_px,y_px\n0,0,1,1\n".to_owned())], None)
+            .contains("particles in several")
+    );
 }
 
 #[test]
