@@ -66,29 +66,13 @@ impl VelocityGrid {
                     reader.numbers(4, whole(2)?, kind)?;
                 }
                 // Names of components, until an empty line.
-                "METADATA" => while reader.next()?.is_some_and(|line| !line.trim().is_empty()) {},
+                "METADATA" => reader.skip_metadata()?,
                 "FIELD" => {
-                    let mut left = whole(2)?;
-                    while left > 0 {
-                        let entry = reader.next()?;
-                        let entry = entry.ok_or_else(|| wrong("the arrays of the field"))?;
-                        let [name, components, number, kind] =
-                            entry.split_whitespace().collect::<Vec<_>>()[..]
-                        else {
-                            if entry.starts_with("METADATA") {
-                                while reader.next()?.is_some_and(|line| !line.trim().is_empty()) {}
-                            }
-                            continue;
-                        };
-                        let size =
-                            |text: &str| text.parse().map_err(|_| wrong("name, components, number, type"));
-                        let (components, number) = (size(components)?, size(number)?);
-                        let values = reader.numbers(components, number, kind)?;
-                        if is_of_points && components == 3 {
-                            arrays.push((name.to_owned(), values));
+                    for (name, values) in reader.field(whole(2)?)? {
+                        has_cells |= !is_of_points;
+                        if is_of_points {
+                            arrays.push((name, values));
                         }
-                        has_cells |= !is_of_points && components == 3;
-                        left -= 1;
                     }
                 }
                 _ => {}
@@ -137,6 +121,45 @@ impl<R: BufRead> VtkLines<'_, R> {
         let broken = |error: std::io::Error| fault("vtk", Some(self.line), error.to_string(), "a line");
         (&mut *self.source).take(65_536).read_until(b'\n', &mut bytes).map_err(broken)?;
         Ok((!bytes.is_empty()).then(|| String::from_utf8_lossy(&bytes).into_owned()))
+    }
+
+    /// Skips names of components, which end with an empty line.
+    fn skip_metadata(&mut self) -> Result<()> {
+        while self.next()?.is_some_and(|line| !line.trim().is_empty()) {}
+        Ok(())
+    }
+
+    /// The arrays of a field that have three components.
+    fn field(&mut self, mut left: usize) -> Result<Vec<(String, Vec<f64>)>> {
+        let mut vectors = Vec::new();
+        while left > 0 {
+            let entry = self.next()?;
+            let wrong = |found: &str| {
+                fault(
+                    "vtk",
+                    Some(self.line),
+                    found.to_owned(),
+                    "name, components, number and type of an array",
+                )
+            };
+            let entry = entry.ok_or_else(|| wrong("the end"))?;
+            let words: Vec<&str> = entry.split_whitespace().collect();
+            match words[..] {
+                [name, components, number, kind] => {
+                    let size = |text: &str| text.parse().map_err(|_| wrong(entry.trim()));
+                    let (components, number) = (size(components)?, size(number)?);
+                    let values = self.numbers(components, number, kind)?;
+                    if components == 3 {
+                        vectors.push((name.to_owned(), values));
+                    }
+                    left -= 1;
+                }
+                [] => {}
+                ["METADATA"] => self.skip_metadata()?,
+                _ => return Err(wrong(entry.trim())),
+            }
+        }
+        Ok(vectors)
     }
 
     /// The values of an array. Only those of three components or coordinates are kept, which must be finite.
