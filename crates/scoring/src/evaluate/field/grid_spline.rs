@@ -2,7 +2,7 @@
 //!
 //! In each cell the interpolant is the bicubic Hermite polynomial of values, slopes and cross derivatives at
 //! its corners. Slopes are those of cubic splines along each unbroken run of nodes of a row or column, whose
-//! end slopes are those of the cubic through the last four nodes; a run of fewer than four nodes has the
+//! end slopes are those of the polynomial through the last five nodes; a run of fewer than four nodes has the
 //! polynomial through them. Without gaps, this is the tensor-product cubic spline: errors are of fourth order
 //! in the spacing (de Boor, A Practical Guide to Splines, chapters IV and XVII).
 
@@ -110,8 +110,10 @@ fn slopes<const N: usize>(x: &[f64], values: &[[f64; N]]) -> Vec<[f64; N]> {
     let width = |k: usize| x[k + 1] - x[k];
     let secant = |k: usize, c: usize| (values[k + 1][c] - values[k][c]) / width(k);
     let mut slopes = vec![[0.0; N]; n];
-    slopes[0] = polynomial_slope(&x[..4], &values[..4], 0);
-    slopes[n - 1] = polynomial_slope(&x[n - 4..], &values[n - 4..], 3);
+    // More nodes would be more precise where they resolve the field, and worse where values have noise.
+    let end = n.min(5);
+    slopes[0] = polynomial_slope(&x[..end], &values[..end], 0);
+    slopes[n - 1] = polynomial_slope(&x[n - end..], &values[n - end..], end - 1);
     // Thomas's algorithm for continuous second derivatives; `upper` is the reduced upper diagonal.
     let mut upper = vec![0.0; n];
     for k in 1..n - 1 {
@@ -157,7 +159,6 @@ mod tests {
         let (x, y) = ([0.0, 1.0, 2.5, 3.0, 5.0, 6.0, 7.5, 8.0], [-1.0, 0.0, 1.5, 2.0, 4.0]);
         let cubic =
             |x: f64, y: f64| (1.0 + x - 0.3 * x * x + 0.02 * x * x * x) * (2.0 - y * y + 0.4 * y * y * y);
-        // One row has a gap, with four nodes on either side of it in x; its columns are broken into runs of up to two nodes.
         let whole = spline(&x, &y, cubic);
         for (at_x, at_y) in [(0.3, -0.4), (4.1, 1.7), (7.9, 3.0), (8.0, 4.0), (0.0, -1.0), (2.5, 0.7)] {
             let found = whole.at(at_x, at_y).unwrap()[0];
@@ -185,8 +186,9 @@ mod tests {
                 .sum();
             (squares / 40_000.0).sqrt()
         };
-        let (coarse, fine) = (rms(8.0), rms(4.0));
-        assert!(coarse < 2e-3 && (12.0..20.0).contains(&(coarse / fine)), "{coarse:e} {fine:e}");
+        let (coarse, fine) = (rms(4.0), rms(2.0));
+        // Errors at the border are of fifth order.
+        assert!(coarse < 1e-4 && (14.0..32.0).contains(&(coarse / fine)), "{coarse:e} {fine:e}");
     }
 
     #[test]

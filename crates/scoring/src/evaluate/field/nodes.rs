@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::compared::INLIER_PX;
 use super::grid_spline::GridSpline;
-use super::true_field::{TrueField, index};
+use super::true_field::{TrueField, axis, index};
 use crate::evaluate::statistics::{Interval, intervals, ratio};
 use crate::results::FlowVector;
 use dataset::RecordingFacts;
@@ -215,13 +215,8 @@ enum Interpolated {
 
 impl Interpolated {
     fn new<'a>(vectors: impl Iterator<Item = &'a FlowVector> + Clone) -> Self {
-        let axis = |value: fn(&FlowVector) -> f64| {
-            let mut values: Vec<f64> = vectors.clone().map(value).filter(|v| v.is_finite()).collect();
-            values.sort_unstable_by(f64::total_cmp);
-            values.dedup();
-            values
-        };
-        let (x_px, y_px) = (axis(|v| v.at.x_px), axis(|v| v.at.y_px));
+        let x_px = axis(vectors.clone().map(|v| v.at.x_px).filter(|x| x.is_finite()));
+        let y_px = axis(vectors.clone().map(|v| v.at.y_px).filter(|y| y.is_finite()));
         let valid = vectors.clone().filter(|v| v.flag == 0 && v.moved[..2].iter().all(|d| d.is_finite()));
         let cells = x_px.len() * y_px.len();
         // A grid is mostly full; scattered vectors would each have a column and a row of their own.

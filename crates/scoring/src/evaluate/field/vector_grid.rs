@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::compared::ComparedVector;
-use super::true_field::index;
+use super::true_field::{axis, index};
 
 /// Vectors on a grid of columns and rows.
 #[derive(Debug)]
@@ -19,13 +19,8 @@ pub struct VectorGrid {
 impl VectorGrid {
     /// Sorts vectors into columns and rows; `None` if they are not on a grid.
     pub fn new(all: &[ComparedVector]) -> Option<Self> {
-        let axis = |value: fn(&ComparedVector) -> f64| {
-            let mut values: Vec<f64> = all.iter().map(value).collect();
-            values.sort_unstable_by(f64::total_cmp);
-            values.dedup();
-            values
-        };
-        let (x_px, y_px) = (axis(|c| c.measured.at.x_px), axis(|c| c.measured.at.y_px));
+        let x_px = axis(all.iter().map(|c| c.measured.at.x_px));
+        let y_px = axis(all.iter().map(|c| c.measured.at.y_px));
         let mut numbers: Vec<Option<u32>> = all.iter().map(|c| c.measured.pair).collect();
         numbers.sort_unstable();
         numbers.dedup();
