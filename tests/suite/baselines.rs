@@ -101,6 +101,23 @@ fn mle_is_more_precise_and_gives_the_same_bytes_for_any_number_of_threads() {
     }
 }
 
+/// Isolated particles with the noise of a camera.
+#[test]
+fn the_deviations_that_mle_claims_are_those_of_its_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = "sensor: (shot_noise: true, quantum_efficiency: 0.7, read_noise_e: 10, gain_counts_per_e: 1,
+        photons_per_count: 1, offset_counts: 100), render: (mode: expected),";
+    let scenario = defocused("setting1a", 4, 20).replace("timing:", &format!("{camera} timing:"));
+    generate(folder.path(), "dataset", &scenario);
+    let score = score_inside(folder.path(), "mle", 30);
+    for axis in ["x_px", "y_px", "z_um"] {
+        let of = |key: &str| number(&score, &format!("/uncertainty/{axis}/{key}"));
+        // About 120 errors of each: standard errors of 6 % and 4 %.
+        assert!(of("n") > 80.0 && (0.8..1.25).contains(&of("ratio")), "{axis}: {}", score["uncertainty"]);
+        assert!((of("coverage_1s") - 0.683).abs() < 0.16, "{axis}: {}", of("coverage_1s"));
+    }
+}
+
 /// Diffracted images, behind a cylindrical lens that is turned.
 #[test]
 fn mle_fits_images_by_wave_optics() {

@@ -41,7 +41,7 @@ fn on_a_small_sensor(
         println!("z {z_um}: {agreement:?}");
         assert!(agreement.holds(), "z {z_um}: {agreement:?}");
     }
-    assert!(renderer.shortfall().is_none(), "{:?}", renderer.shortfall());
+    assert_eq!(renderer.shortfall().unwrap(), None);
 }
 
 fn mean_of_rays(settings: &Settings, particle: &Particle, seed: u64) -> Ensemble {

@@ -5,7 +5,9 @@
 //! and 6). A spheroid diffuses with Perrin's coefficients along and across its axis ([`SpheroidFriction`]),
 //! and its axis turns with the D_r of tumbling. A step of duration h consists of half the drift, the Brownian
 //! step, and half the drift (Strang splitting); the Brownian step of a spheroid consists of half the
-//! rotation, the translation, and half the rotation. In a simple shear of rate g the variance along the flow,
+//! rotation, the translation, and half the rotation. Settling is part of the Brownian step, which at plane
+//! walls is exact for any h ([`crate::fluid::FluidRegion::settle`]; at walls that slow spheres,
+//! [`crate::hindered_brownian`]); at bodies h must be small. In a simple shear of rate g the variance along the flow,
 //! 2 D t (1 + (g t)^2 / 3), is reproduced with 1/3 - 1/(12 n^2) in place of 1/3 for n steps. Walls
 //! hinder the diffusion of spheres if the scene says so ([`crate::hindered`]).
 //!
@@ -63,6 +65,20 @@ impl Brownian {
     /// equatorial diameter, divide by `tumbling` of [`SpheroidFriction`].
     pub fn rotational_diffusion(&self, d_um: f64) -> f64 {
         self.kt_over_viscosity / (PI * d_um * d_um * d_um)
+    }
+
+    /// Variance (um^2) of the displacement along the unit vector `n` over a time `h` (s) of a particle with
+    /// symmetry axis `axis`.
+    pub(crate) fn variance(
+        &self,
+        d_um: f64,
+        friction: &SpheroidFriction,
+        (axis, n): (DVec3, DVec3),
+        h: f64,
+    ) -> f64 {
+        let cosine = axis.dot(n);
+        let share = 1.0 / friction.across + (1.0 / friction.along - 1.0 / friction.across) * cosine * cosine;
+        2.0 * self.diffusion(d_um) * h * share
     }
 
     /// A random displacement (um) over a time `h` (s, > 0) of a particle with symmetry axis `axis`.

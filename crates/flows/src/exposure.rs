@@ -68,16 +68,32 @@ impl Shutter {
         libm::ceil(path / self.piece_um * (1.0 - 1e-12)).clamp(1.0, MAX_POINTS) as u32
     }
 
-    /// Number of points per flash of a streak.
-    pub(crate) fn count_in(&self, streak: &Streak) -> u32 {
-        streak.points.len() as u32 / self.flashes
-    }
-
     /// Times of the points relative to the middle of the exposure, s, ascending.
     pub(crate) fn offsets_s(&self, points: u32) -> Vec<f64> {
         let flash = |k: u32| (f64::from(k) - 0.5 * f64::from(self.flashes - 1)) * self.spacing_s;
         let within = |i: u32| ((f64::from(i) + 0.5) / f64::from(points) - 0.5) * self.open_s;
         (0..self.flashes).flat_map(|k| (0..points).map(move |i| flash(k) + within(i))).collect()
+    }
+
+    /// Whether a part of the exposure contains its middle.
+    pub(crate) fn splits(&self, points: u32) -> bool {
+        points % 2 == 1 && self.flashes % 2 == 1
+    }
+
+    /// First and last times, relative to the middle of the exposure (s), of the parts that the points stand
+    /// for, in ascending order; the part that contains the middle is split there.
+    pub(crate) fn parts_s(&self, points: u32) -> Vec<(f64, f64)> {
+        let flash = |k: u32| (f64::from(k) - 0.5 * f64::from(self.flashes - 1)) * self.spacing_s;
+        let edge = |i: u32| (f64::from(i) / f64::from(points) - 0.5) * self.open_s;
+        let parts = (0..self.flashes)
+            .flat_map(|k| (0..points).map(move |i| (flash(k) + edge(i), flash(k) + edge(i + 1))));
+        let mut parts: Vec<(f64, f64)> = parts.collect();
+        if self.splits(points) {
+            let middle = parts.len() / 2;
+            parts.insert(middle + 1, (0.0, parts[middle].1));
+            parts[middle].1 = 0.0;
+        }
+        parts
     }
 
     /// The streak of a particle that moves on a straight line, as recorded tracks do between frames.
@@ -89,6 +105,7 @@ impl Shutter {
         Streak {
             points: self.offsets_s(points).into_iter().map(at).collect(),
             share: 1.0 / f64::from(points),
+            closing: at(0.5 * self.span_s()),
         }
     }
 }

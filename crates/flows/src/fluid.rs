@@ -15,12 +15,18 @@ use crate::body::Body;
 use crate::domain::Domain;
 use crate::field::VelocityField;
 use crate::region::{Axis, Region};
+use crate::wall::Wall;
 use glam::DVec3;
+use microsig_core::stream::Stream;
 use std::sync::{Mutex, PoisonError};
 
 /// Maximum number of reflections of one step, and of passes over box, field and bodies when a particle is
 /// moved out of walls.
 const MAX_ROUNDS: u32 = 8;
+
+/// Standard deviations by which a Brownian path at most leaves the line between its ends, with a probability
+/// of 1e-14.
+const BRIDGE_SD: f64 = 4.0;
 
 /// Refinement ends when the cells cut by a wall are at most this fraction of the accessible volume.
 const UNDECIDED: f64 = 1e-3;
@@ -132,6 +138,40 @@ impl<'a> FluidRegion<'a> {
             x = self.domain.reflect(held + (held - x), radius);
         }
         from
+    }
+
+    /// The walls of the box and `of_field`, that of the field, as seen from `x` (um), without hidden ones.
+    pub(crate) fn walls(&self, of_field: Option<Wall>, x: DVec3) -> impl Iterator<Item = Wall> + use<'a> {
+        let domain = self.domain;
+        let shown = of_field.filter(|own| !domain.walls(x).any(|face| face.is_before(own)));
+        let faces = domain.walls(x).filter(move |face| !shown.is_some_and(|own| own.is_before(face)));
+        faces.chain(shown)
+    }
+
+    /// The end (um) of a path of Brownian motion with constant velocity that starts at `from` and would end
+    /// at `to` (um) without walls; `variance`: that of the displacement along a normal, um^2. The law at a
+    /// plane wall is exact (Skorokhod's reflection: the path is moved by its deepest place behind the wall,
+    /// which is drawn given its ends), so that settling particles have Boltzmann's profile above a wall.
+    /// Bodies are not considered.
+    pub(crate) fn settle(
+        &self,
+        (from, to): (DVec3, DVec3),
+        t: f64,
+        radius: f64,
+        variance: impl Fn(DVec3) -> f64,
+        stream: &mut Stream,
+    ) -> DVec3 {
+        self.walls(self.field.wall(from, t), from).fold(to, |end, wall| {
+            let (way, variance) = (wall.normal.dot(to - from), variance(wall.normal));
+            let start = (wall.clearance_um - radius).max(0.0);
+            // Beyond this distance the path does not reach the wall.
+            if start.min(start + way) > BRIDGE_SD * libm::sqrt(variance) {
+                return end;
+            }
+            let log = libm::log(1.0 - stream.uniform());
+            let lowest = start + 0.5 * (way - libm::sqrt(way * way - 2.0 * variance * log));
+            end + wall.normal * (-lowest).max(0.0)
+        })
     }
 
     /// The fraction of the volume of `part` accessible to the centers of particles of `radius` (um) at `t`

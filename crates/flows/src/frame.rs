@@ -41,6 +41,8 @@ pub struct Streak {
     pub points: Vec<StreakPoint>,
     /// Fraction of the light of one flash that each point contributes.
     pub share: f64,
+    /// The particle at the end of the exposure, if it diffuses.
+    pub(crate) closing: StreakPoint,
 }
 
 /// A point of a streak.

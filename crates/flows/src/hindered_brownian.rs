@@ -10,6 +10,10 @@
 //! uniform cloud therefore stays uniform for any step, in one gap or between curved walls, no sphere enters a
 //! wall, and steps backward in time have the same statistics as steps forward.
 //!
+//! A force F tilts the choice: q(d) is multiplied by exp(F x / kB T), and Boltzmann's profile stays as it is.
+//! The mean displacement is then D F h / kB T up to a relative error of v (F / kB T)^2 / 4, which
+//! [`FORCED_STEP`] keeps at 1 %.
+//!
 //! To first order in h the choice of the sign gives the mean displacement div D h, without derivatives of D,
 //! and 1 - N(x, d) / N(y, d) is of third order in the relative change of D over a step. A step of 0.002 a^2 /
 //! D0 changes the variance of displacements by less than 1 % at gaps above a tenth of the radius a. Closer to
@@ -24,13 +28,15 @@ use microsig_core::stream::Stream;
 const STEP: f64 = 0.002;
 /// Maximum number of steps in one Brownian step of a recording; longer ones have longer steps.
 const MAX_STEPS: f64 = 10_000.0;
+/// Longest step, as a standard deviation in units of the length over which the force does the work kB T.
+const FORCED_STEP: f64 = 0.2;
 
 /// A place of a sphere.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     x: DVec3,
     resistance: DMat3,
-    /// ln det R / 2.
+    /// ln det R / 2, plus the work of the force over kB T.
     scale: f64,
 }
 
@@ -45,15 +51,23 @@ impl Place {
 type Ends = ([Option<(Place, f64)>; 2], f64);
 
 impl NearWalls<'_> {
+    /// Number of steps into which a Brownian step over a time `h` (s) must be divided for the force on a
+    /// sphere that diffuses with `diffusion` (um^2/s); `None` if there would be too many.
+    pub(crate) fn forced_steps(&self, diffusion: f64, h: f64) -> Option<f64> {
+        let steps = 2.0 * diffusion * h * self.pull.length_squared() / (FORCED_STEP * FORCED_STEP);
+        Some(steps).filter(|steps| *steps <= MAX_STEPS)
+    }
+
     /// Position (um) after Brownian motion over a time `h` (s, > 0) at `t` (s) of a sphere that diffuses with
     /// `diffusion` (um^2/s) far from walls, from `x` (um).
     pub(crate) fn diffuse(&self, diffusion: f64, x: DVec3, t: f64, h: f64, stream: &mut Stream) -> DVec3 {
         if self.resistance(x, t).is_none() {
             let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
-            return x + xi * libm::sqrt(2.0 * diffusion * h);
+            return x + self.pull * (diffusion * h) + xi * libm::sqrt(2.0 * diffusion * h);
         }
         let unit = self.radius() * self.radius() / diffusion;
-        let steps = libm::ceil(h / (STEP * unit)).clamp(1.0, MAX_STEPS);
+        let forced = self.forced_steps(diffusion, h).unwrap_or(MAX_STEPS);
+        let steps = libm::ceil((h / (STEP * unit)).max(forced)).clamp(1.0, MAX_STEPS);
         let variance = 2.0 * diffusion * h / steps;
         let start = self.place(x, t);
         (0..steps as u32).fold(start, |place, _| self.step(place, variance, t, stream)).x
@@ -96,7 +110,7 @@ impl NearWalls<'_> {
 
     fn place(&self, x: DVec3, t: f64) -> Place {
         let resistance = self.resistance(x, t).unwrap_or(DMat3::IDENTITY);
-        Place { x, resistance, scale: 0.5 * libm::log(resistance.determinant()) }
+        Place { x, resistance, scale: 0.5 * libm::log(resistance.determinant()) + self.pull.dot(x) }
     }
 }
 

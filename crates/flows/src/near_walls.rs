@@ -29,12 +29,19 @@ use glam::{DMat3, DVec3};
 pub(crate) struct NearWalls<'a> {
     fluid: FluidRegion<'a>,
     radius: f64,
+    /// Force on the spheres over kB T, 1/um.
+    pub(crate) pull: DVec3,
 }
 
 impl<'a> NearWalls<'a> {
     /// The walls of `fluid` around spheres of `radius` (um, > 0).
     pub(crate) fn new(fluid: FluidRegion<'a>, radius: f64) -> Self {
-        NearWalls { fluid, radius }
+        NearWalls { fluid, radius, pull: DVec3::ZERO }
+    }
+
+    /// The same for spheres that a force pulls; `pull` is the force over kB T, 1/um.
+    pub(crate) fn pulling(self, pull: DVec3) -> Self {
+        NearWalls { pull, ..self }
     }
 
     /// Radius of the spheres, um.
@@ -86,13 +93,10 @@ impl<'a> NearWalls<'a> {
     }
 
     fn walls(&self, x: DVec3, t: f64) -> impl Iterator<Item = Wall> {
-        let FluidRegion { field, domain, bodies, .. } = self.fluid;
-        let of_field = field.wall(x, t);
-        let shown = of_field.filter(|own| !domain.walls(x).any(|face| face.is_before(own)));
-        let faces = domain.walls(x).filter(move |face| !shown.is_some_and(|own| own.is_before(face)));
-        let bodies = bodies.iter().filter_map(move |body| body.obstacle(x));
+        let of_field = self.fluid.field.wall(x, t);
+        let bodies = self.fluid.bodies.iter().filter_map(move |body| body.obstacle(x));
         let bodies = bodies.filter(move |body| !of_field.is_some_and(|own| own.is_before(body)));
-        faces.chain(shown).chain(bodies)
+        self.fluid.walls(of_field, x).chain(bodies)
     }
 }
 

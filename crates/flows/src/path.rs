@@ -2,9 +2,11 @@
 //! exposure.
 //!
 //! Brownian motion during an exposure is a part of the motion between frames: a step to the next frame
-//! continues from the last point of the streak, goes to the opening of the next exposure, and from there over
-//! the points of its first half. Displacements of the centers of images then have the variance 2 D (dt - T/3)
-//! for an exposure T, as in a camera, and those of the positions 2 D dt. Only the first half of the first
+//! continues from the end of the exposure, goes to the opening of the next one, and from there through the
+//! parts of its first half. Each point of a streak is the mean over a part of the exposure, not the place in
+//! its middle, so that for any number of points the center of an image has the variance D T / 6 about the
+//! position in the middle of an exposure T. Displacements of centers then have the variance 2 D (dt - T/3), as
+//! in a camera, and those of the positions 2 D dt. Only the first half of the first
 //! exposure of a particle is a random walk backward in time from the middle of the exposure, which has the
 //! same statistics.
 
@@ -14,6 +16,7 @@ use crate::exposure::Shutter;
 use crate::field::VelocityField;
 use crate::frame::{Streak, StreakPoint, Tracer};
 use crate::integrate::advance;
+use crate::near_walls::NearWalls;
 use crate::orientation::carry;
 use crate::scene::Scene;
 use glam::DVec3;
@@ -52,9 +55,24 @@ impl Approach {
     }
 }
 
+impl Pose {
+    fn halfway_to(&self, other: &Pose) -> Pose {
+        Pose {
+            position: 0.5 * (self.position + other.position),
+            axis: (self.axis + other.axis).try_normalize().unwrap_or(other.axis),
+        }
+    }
+}
+
 impl From<&StreakPoint> for Pose {
     fn from(point: &StreakPoint) -> Pose {
         Pose { position: point.position, axis: point.axis }
+    }
+}
+
+impl From<Pose> for StreakPoint {
+    fn from(pose: Pose) -> StreakPoint {
+        StreakPoint { position: pose.position, axis: pose.axis }
     }
 }
 
@@ -113,40 +131,96 @@ impl Scene<'_> {
         (t0, t1): (f64, f64),
         stream: &mut Stream,
     ) -> Result<Pose> {
+        if t0 == t1 {
+            return Ok(from);
+        }
         let steps = brownian.substeps();
         let at = |half: u32| t0 + (t1 - t0) * f64::from(half) / f64::from(2 * steps);
-        let h = (t1 - t0).abs() / f64::from(steps);
-        let mut pose = from;
-        for k in 0..steps {
-            let (start, middle, end) = (at(2 * k), at(2 * k + 1), at(2 * k + 2));
-            pose = self.drift(pose, d_um, (start, middle))?;
-            pose = self.diffuse(brownian, pose, d_um, middle, h, stream);
-            pose = self.drift(pose, d_um, (middle, end))?;
-        }
-        Ok(pose)
+        let dt = (t1 - t0) / f64::from(steps);
+        (0..steps).try_fold(from, |pose, k| {
+            let times = [0, 1, 2].map(|half| at(2 * k + half));
+            let [_, _, end] = self.brownian_step(brownian, pose, d_um, (times, dt), stream)?;
+            Ok(end)
+        })
     }
 
-    /// The pose after a Brownian step over a time `h` (s, > 0) at `t` (s): half the rotation, the
-    /// translation, half the rotation.
+    /// A step of drift and Brownian motion between the first and the last of three times, `dt` (s) apart: the
+    /// poses in its middle before and after the Brownian motion, and at its end.
+    fn brownian_step(
+        &self,
+        brownian: &Brownian,
+        from: Pose,
+        d_um: f64,
+        ([start, middle, end], dt): ([f64; 3], f64),
+        stream: &mut Stream,
+    ) -> Result<[Pose; 3]> {
+        // Heavy spheres for which walls that slow them would need too many steps settle between the steps.
+        let too_many =
+            |walls: NearWalls<'_>| walls.forced_steps(brownian.diffusion(d_um), dt.abs()).is_none();
+        let heavy = self.pulling_walls(brownian, d_um, dt).is_some_and(too_many);
+        let (flow, settling_s) = if heavy { (*self, 0.0) } else { (self.without_settling(), dt) };
+        let before = flow.drift(from, d_um, (start, middle))?;
+        let after = self.diffuse(brownian, before, d_um, middle, (dt.abs(), settling_s), stream);
+        Ok([before, after, flow.drift(after, d_um, (middle, end))?])
+    }
+
+    /// A Brownian step from `t0` to `t1` (s): the mean pose over it, and that at its end. Given the ends of a
+    /// Brownian path, its mean has a twelfth of the variance of the way.
+    fn mean_and_end(
+        &self,
+        brownian: &Brownian,
+        from: Pose,
+        d_um: f64,
+        (t0, t1): (f64, f64),
+        stream: &mut Stream,
+    ) -> Result<(Pose, Pose)> {
+        if t0 == t1 {
+            return Ok((from, from));
+        }
+        let (middle, dt) = (f64::midpoint(t0, t1), t1 - t0);
+        let [before, after, end] =
+            self.brownian_step(brownian, from, d_um, ([t0, middle, t1], dt), stream)?;
+        let mean = before.halfway_to(&after);
+        let position = self.diffuse(brownian, mean, d_um, middle, (dt.abs() / 12.0, 0.0), stream).position;
+        Ok((Pose { position, ..mean }, end))
+    }
+
+    /// Walls that slow spheres of diameter `d_um` (um), which settle forward in time or, if `dt` < 0,
+    /// backward; `None` if walls do not slow them.
+    fn pulling_walls(&self, brownian: &Brownian, d_um: f64, dt: f64) -> Option<NearWalls<'_>> {
+        let walls = self.slowing_walls(d_um)?;
+        let slip = self.settling.filter(|_| dt != 0.0).map(|s| s.velocity(d_um, &self.friction, DVec3::Y));
+        let pull = slip.unwrap_or_default() * (dt.signum() / brownian.diffusion(d_um));
+        Some(walls.pulling(pull))
+    }
+
+    /// The pose after a Brownian step over a time `h` (s, > 0) and settling over a time `settling_s` (s, of
+    /// any sign) at `t` (s): half the rotation, the translation, half the rotation.
     fn diffuse(
         &self,
         brownian: &Brownian,
         mut pose: Pose,
         d_um: f64,
         t: f64,
-        h: f64,
+        (h, settling_s): (f64, f64),
         stream: &mut Stream,
     ) -> Pose {
         let (radius, friction) = (0.5 * d_um, &self.friction);
-        if let Some(walls) = self.slowing_walls(d_um) {
+        if let Some(walls) = self.pulling_walls(brownian, d_um, settling_s) {
             pose.position = walls.diffuse(brownian.diffusion(d_um), pose.position, t, h, stream);
             return pose;
         }
         if !friction.is_sphere() {
             pose.axis = brownian.random_rotation(pose.axis, d_um, friction, 0.5 * h, stream);
         }
-        let kicked = pose.position + brownian.random_displacement(d_um, friction, pose.axis, h, stream);
-        pose.position = self.hold(self.fluid().reflect(pose.position, kicked, t, radius), t, radius);
+        let (from, axis, fluid) = (pose.position, pose.axis, self.fluid());
+        let mut end = from + brownian.random_displacement(d_um, friction, axis, h, stream);
+        if let Some(settling) = self.settling.filter(|_| settling_s != 0.0) {
+            end += settling.velocity(d_um, friction, axis) * settling_s;
+            let variance = |n: DVec3| brownian.variance(d_um, friction, (axis, n), h);
+            end = fluid.settle((from, end), t, radius, variance, stream);
+        }
+        pose.position = self.hold(fluid.reflect(from, end, t, radius), t, radius);
         if !friction.is_sphere() {
             pose.axis = brownian.random_rotation(pose.axis, d_um, friction, 0.5 * h, stream);
         }
@@ -164,33 +238,40 @@ impl Scene<'_> {
         stream: &mut Stream,
     ) -> Result<(Pose, Approach)> {
         let d_um = tracer.d_um;
-        let offsets = shutter.offsets_s(shutter.count_in(streak));
-        let (mut at, mut t) = (Pose::from(tracer), t0);
-        if let (Some(point), Some(offset)) = (streak.points.last(), offsets.last()) {
-            (at, t) = (point.into(), t0 + offset);
-        }
+        let (at, t) = (Pose::from(&streak.closing), t0 + 0.5 * shutter.span_s());
         let opening = t1 - 0.5 * shutter.span_s();
-        at = self.brownian_path(brownian, at, d_um, (t, opening), stream)?;
+        let at = self.brownian_path(brownian, at, d_um, (t, opening), stream)?;
         let middle = self.drift(at, d_um, (opening, t1))?;
         let last = self.drift(middle, d_um, (t1, t1 + 0.5 * shutter.span_s()))?;
         let places = [at.position, middle.position, last.position];
         let count = shutter.points(self.path_in_image(places, d_um, shutter));
-        let (mut points, mut t) = (Vec::new(), opening);
-        for offset in shutter.offsets_s(count).into_iter().filter(|offset| *offset < 0.0) {
-            at = self.walk(at, d_um, (t, t1 + offset), stream)?;
-            points.push(StreakPoint { position: at.position, axis: at.axis });
-            t = t1 + offset;
-        }
-        Ok((self.walk(at, d_um, (t, t1), stream)?, Approach { points, count }))
+        let parts = shutter.parts_s(count);
+        let before = parts[..parts.len() / 2].iter().copied();
+        let (points, at) = self.expose_parts(brownian, at, d_um, (t1, opening), before, stream)?;
+        Ok((at, Approach { points, count }))
     }
 
-    /// The pose at `t1` (s, earlier or later) after one step of drift and Brownian motion.
-    fn walk(&self, from: Pose, d_um: f64, (t0, t1): (f64, f64), stream: &mut Stream) -> Result<Pose> {
-        let (at, h) = (self.drift(from, d_um, (t0, t1))?, (t1 - t0).abs());
-        Ok(match self.brownian.as_ref().filter(|_| h > 0.0) {
-            Some(brownian) => self.diffuse(brownian, at, d_um, t1, h, stream),
-            None => at,
-        })
+    /// The mean poses over parts of the exposure centered on `t_s` (s), in the order in which a diffusing
+    /// particle that is at `from` at `t` (s) moves through them, and its pose at the end of the last.
+    fn expose_parts(
+        &self,
+        brownian: &Brownian,
+        from: Pose,
+        d_um: f64,
+        (t_s, mut t): (f64, f64),
+        parts: impl Iterator<Item = (f64, f64)>,
+        stream: &mut Stream,
+    ) -> Result<(Vec<StreakPoint>, Pose)> {
+        let (mut at, mut points) = (from, Vec::new());
+        for (start, end) in parts {
+            // Between flashes.
+            (_, at) = self.mean_and_end(brownian, at, d_um, (t, t_s + start), stream)?;
+            t = t_s + end;
+            let (mean, end) = self.mean_and_end(brownian, at, d_um, (t_s + start, t), stream)?;
+            points.push(mean.into());
+            at = end;
+        }
+        Ok((points, at))
     }
 
     /// Length (um) in the image plane of a path over three places during an exposure, with twice the standard
@@ -218,25 +299,49 @@ impl Scene<'_> {
         let last = self.drift(middle, tracer.d_um, (t_s, t_s + 0.5 * span))?.position;
         let path = self.path_in_image([first, tracer.position, last], tracer.d_um, shutter);
         let points = approach.map_or_else(|| shutter.points(path), |approach| approach.count);
-        let offsets = shutter.offsets_s(points);
-
-        let mut stream = streams.stream(Purpose::Exposure, frame, tracer.id as u32);
-        let mut streak = vec![StreakPoint { position: middle.position, axis: middle.axis }; offsets.len()];
-        let later = offsets.partition_point(|offset| *offset < 0.0);
-        let mut fill = |order: &mut dyn Iterator<Item = usize>| -> Result<()> {
-            let (mut at, mut t) = (middle, t_s);
-            for i in order {
-                at = self.walk(at, tracer.d_um, (t, t_s + offsets[i]), &mut stream)?;
-                streak[i] = StreakPoint { position: at.position, axis: at.axis };
-                t = t_s + offsets[i];
-            }
-            Ok(())
+        let share = 1.0 / f64::from(points);
+        let velocity = (last - first) / span;
+        let Some(brownian) = &self.brownian else {
+            let offsets = shutter.offsets_s(points);
+            let middle_point = StreakPoint::from(middle);
+            let mut streak = vec![middle_point; offsets.len()];
+            let later = offsets.partition_point(|offset| *offset < 0.0);
+            let mut fill = |order: &mut dyn Iterator<Item = usize>| -> Result<()> {
+                let (mut at, mut t) = (middle, t_s);
+                for i in order {
+                    at = self.drift(at, tracer.d_um, (t, t_s + offsets[i]))?;
+                    streak[i] = at.into();
+                    t = t_s + offsets[i];
+                }
+                Ok(())
+            };
+            fill(&mut (later..offsets.len()))?;
+            fill(&mut (0..later).rev())?;
+            return Ok((Streak { points: streak, share, closing: middle_point }, velocity));
         };
-        fill(&mut (later..offsets.len()))?;
-        match approach {
-            Some(approach) => streak[..later].clone_from_slice(&approach.points),
-            None => fill(&mut (0..later).rev())?,
+        let mut stream = streams.stream(Purpose::Exposure, frame, tracer.id as u32);
+        let parts = shutter.parts_s(points);
+        let later = parts.len() / 2;
+        let mut expose = |parts: &mut dyn Iterator<Item = (f64, f64)>| {
+            self.expose_parts(brownian, middle, tracer.d_um, (t_s, t_s), parts, &mut stream)
+        };
+        let (after, closing) = expose(&mut parts[later..].iter().copied())?;
+        let mut streak = match approach {
+            Some(approach) => approach.points.clone(),
+            None => {
+                let (mut before, _) = expose(&mut parts[..later].iter().rev().map(|(a, b)| (*b, *a)))?;
+                before.reverse();
+                before
+            }
+        };
+        let mut after = after.into_iter();
+        if shutter.splits(points)
+            && let (Some(before), Some(after)) = (streak.last_mut(), after.next())
+        {
+            // The halves of the part that contains the middle.
+            *before = Pose::from(&*before).halfway_to(&Pose::from(&after)).into();
         }
-        Ok((Streak { points: streak, share: 1.0 / f64::from(points) }, (last - first) / span))
+        streak.extend(after);
+        Ok((Streak { points: streak, share, closing: closing.into() }, velocity))
     }
 }

@@ -80,6 +80,11 @@ impl<'a> Scene<'a> {
         Scene { settling: Some(settling), ..self }
     }
 
+    /// Without settling.
+    pub(crate) fn without_settling(self) -> Self {
+        Scene { settling: None, ..self }
+    }
+
     /// With Brownian motion, translational and, for spheroids, rotational.
     pub fn with_brownian(self, brownian: Brownian) -> Self {
         Scene { brownian: Some(brownian), ..self }

@@ -59,9 +59,12 @@ pub fn golden_azimuth(k: usize) -> f64 {
 
 /// Number of source points on a sphere: points_per_pixel 2 pi (d_p M / px)^2, rounded.
 pub fn sphere_points(settings: &Settings, d_um: f64) -> usize {
+    libm::rint(unrounded_points(settings, d_um)) as usize
+}
+
+fn unrounded_points(settings: &Settings, d_um: f64) -> f64 {
     let image_diameter = d_um * settings.magnification / settings.pixel_size;
-    let number = settings.points_per_pixel * 2.0 * std::f64::consts::PI * image_diameter * image_diameter;
-    libm::rint(number) as usize
+    settings.points_per_pixel * 2.0 * std::f64::consts::PI * image_diameter * image_diameter
 }
 
 /// Surface area of a spheroid over that of the sphere with its equatorial diameter.
@@ -87,9 +90,13 @@ pub fn surface_points(settings: &Settings, particle: &Particle) -> usize {
 }
 
 /// The light of a particle emitted into the half space toward the lens, in rays, if all points of its surface
-/// shine.
+/// shine. A sphere too small for a single point, which rays cannot draw, has its fraction of one.
 pub fn emitted_rays(settings: &Settings, particle: &Particle) -> f64 {
-    surface_points(settings, particle) as f64 * (f64::from(settings.n_rays) + 1.0)
+    let points = match surface_points(settings, particle) {
+        0 => unrounded_points(settings, particle.d_um),
+        n => n as f64,
+    };
+    points * (f64::from(settings.n_rays) + 1.0)
 }
 
 /// The source points of a particle with `n` points on its surface, in the order of their random angles.

@@ -6,7 +6,7 @@
 //! images can be rendered from these files alone.
 
 use flows::intensities::Intensities;
-use microsig_core::emission::{SpheroidLaw, area_ratio, sphere_points, surface_points};
+use microsig_core::emission::{SpheroidLaw, area_ratio, emitted_rays};
 use microsig_core::render::RendererSpec;
 use microsig_core::{Particle, Settings};
 use schemars::JsonSchema;
@@ -191,13 +191,12 @@ impl PhotonScale {
             };
         match self.unit {
             Unit::Rays(law) => {
-                let points = match (particle.spheroid, law) {
-                    (None, _) => sphere_points(&self.settings, particle.d_um) as f64,
-                    // About half of the surface points emit.
-                    (Some(_), SpheroidLaw::Original) => 0.5 * surface_points(&self.settings, particle) as f64,
-                    (Some(_), SpheroidLaw::Uniform) => surface_points(&self.settings, particle) as f64,
+                // About half of the surface points emit.
+                let share = match (particle.spheroid, law) {
+                    (Some(_), SpheroidLaw::Original) => 0.5,
+                    (None, _) | (Some(_), SpheroidLaw::Uniform) => 1.0,
                 };
-                0.5 * emitted / (points * (f64::from(self.settings.n_rays) + 1.0)).max(1.0)
+                0.5 * emitted / (share * emitted_rays(&self.settings, particle)).max(1.0)
             }
             Unit::Spots { counts, reference_um } => {
                 let na = self.settings.numerical_aperture;

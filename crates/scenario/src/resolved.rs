@@ -24,7 +24,7 @@ use super::particles::Cloud;
 use super::recordings::Recordings;
 use super::spec::{Calibration, Number, Spec};
 use super::truth_grid::Nodes;
-use microsig_core::visibility::{DepthScan, NoiseFree};
+use microsig_core::visibility::{DepthScan, NoiseFree, ScanImage};
 use storage::error::{Error, Result};
 
 /// A valid scenario with all defaults filled in.
@@ -225,17 +225,11 @@ impl Scenario {
         self.scan(self.diameters_um()[1], self.depth_range_um)
     }
 
-    /// Peak counts above the background at each depth of the scan of a sphere of diameter `d_um` (um), with
-    /// typical brightness and illumination on the optical axis; `slope` is counts per unit of light.
-    pub fn peak_counts<'a>(
-        &'a self,
-        slope: f64,
-        d_um: f64,
-        scan: &'a DepthScan,
-    ) -> impl Iterator<Item = f64> + 'a {
-        let counts = slope * self.cloud.typical_c_int(d_um);
-        let depths = scan.images.iter().zip(&scan.depths_um);
-        depths.map(move |(image, z_um)| counts * image.peak * self.illumination.at(DVec3::Z * *z_um))
+    /// Counts above the background of the peak of a sphere of diameter `d_um` (um) at depth `z_um`, whose
+    /// noise-free image is `image`, with typical brightness and illumination on the optical axis; `slope` is
+    /// counts per unit of light.
+    pub fn peak_counts(&self, slope: f64, d_um: f64, z_um: f64, image: &ScanImage) -> f64 {
+        slope * self.cloud.typical_c_int(d_um) * image.peak * self.illumination.at(DVec3::Z * z_um)
     }
 
     /// The renderer of the light without ray noise.

@@ -61,6 +61,7 @@ fn moved(dataset: &DatasetPlace, mut change: impl FnMut(&mut Row)) -> Result<Out
             x_px: row.at.x_px,
             y_px: row.at.y_px,
             z_um,
+            deviations: None,
             shape: None,
         };
         change(&mut row);

@@ -35,6 +35,8 @@ pub(super) struct ParticleFit {
     pub(super) chi2_reduction: f64,
     /// Weighted correlation of the particle's image with the light of the residual, see [`Agreement`].
     pub(super) correlation: f64,
+    /// Standard deviations of x, y (px) and z (um) due to noise, from the joint fit.
+    pub(super) deviations: Option<[f64; 3]>,
 }
 
 /// Light beyond the expected noise counts only above this many standard deviations of that noise.
@@ -121,6 +123,7 @@ impl ParticleFit {
             amplitude: 0.0,
             chi2_reduction: 0.0,
             correlation: 0.0,
+            deviations: None,
         };
         let (mut next, mut damping) = (best, 1e-3f64);
         let mut normal = (DMat4::ZERO, DVec4::ZERO);

@@ -29,6 +29,9 @@ const MAX_ITERATIONS: usize = 12;
 /// Convergence: reduction of chi^2 in one iteration.
 const CONVERGED: f64 = 1e-3;
 
+/// Fits are not determined if a parameter depends on the others to within this.
+const SINGULAR: f64 = 1e-10;
+
 /// Model of the particle images and of the noise of a frame.
 pub(super) struct Model<'a> {
     /// Images of particles of each size.
@@ -233,7 +236,10 @@ impl<'a> Region<'a> {
                 damping *= 10.0;
             }
         }
-        self.judged(&now)
+        // The inverse of the Fisher information, at a state within the tolerance of convergence.
+        let n = equations.right.len();
+        let variances = Symmetric::of(n, equations.matrix).inverse_diagonal(SINGULAR);
+        self.judged(&now, variances)
     }
 
     fn state(&self, particles: Vec<ParticleFit>) -> State {
@@ -289,9 +295,10 @@ impl<'a> Region<'a> {
         Equations { matrix, right }
     }
 
-    /// The particles with their reduction of chi^2 and their correlation with the data.
-    fn judged(&self, state: &State) -> Vec<ParticleFit> {
-        let judge = |(patch, particle): (&ImagePatch, &ParticleFit)| {
+    /// The particles with their reduction of chi^2, their correlation with the data, and the standard deviations
+    /// that follow from the variances of brightness, x, y and depth of each.
+    fn judged(&self, state: &State, variances: Option<Vec<f64>>) -> Vec<ParticleFit> {
+        let judge = |(i, (patch, particle)): (usize, (&ImagePatch, &ParticleFit))| {
             let mut agreement = Agreement::default();
             for (i, [t, ..]) in patch.pixels(self.size) {
                 agreement.add(self.weight[i], state.residual[i] + particle.amplitude as f32 * t, t);
@@ -301,9 +308,10 @@ impl<'a> Region<'a> {
             } else {
                 (0.0, 0.0)
             };
-            ParticleFit { chi2_reduction, correlation, ..*particle }
+            let deviations = variances.as_ref().map(|all| [1, 2, 3].map(|k| all[4 * i + k].sqrt()));
+            ParticleFit { chi2_reduction, correlation, deviations, ..*particle }
         };
-        state.patches.iter().zip(&state.particles).map(judge).collect()
+        state.patches.iter().zip(&state.particles).enumerate().map(judge).collect()
     }
 }
 

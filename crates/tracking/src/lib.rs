@@ -236,6 +236,8 @@ struct Localization {
     y_px: f64,
     /// `None` for methods that measure in the image plane only.
     z_um: Option<f64>,
+    /// Standard deviations of x, y (px) and z (um); `None` for methods that do not estimate them.
+    deviations: Option<[f64; 3]>,
     /// `None` for methods that measure positions only.
     shape: Option<ShapeEstimate>,
 }
@@ -254,8 +256,6 @@ struct ShapeEstimate {
 /// What is uncertain about a spheroid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct ShapeUncertainty {
-    /// Standard deviations of x, y (px) and z (um).
-    deviations: [f64; 3],
     /// Largest and smallest standard deviation of the axis, rad, and the direction of the largest one.
     axis_deviations: [f64; 2],
     uncertain: DVec3,

@@ -100,6 +100,7 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
                 x_px: point.x_px,
                 y_px: point.y_px,
                 z_um: point.z_um,
+                deviations: point.deviations,
                 shape: point.shape,
             });
         }
@@ -131,7 +132,7 @@ mod tests {
     use super::*;
 
     fn at(x_px: f64, y_px: f64) -> Localization {
-        Localization { x_px, y_px, z_um: None, shape: None }
+        Localization { x_px, y_px, z_um: None, deviations: None, shape: None }
     }
 
     const SEARCH_RANGE: SearchRange = SearchRange { px: 6.0, um: None };

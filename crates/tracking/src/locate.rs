@@ -54,6 +54,8 @@ pub(super) struct Locator<I> {
     error: f32,
     coarse: Coarse,
     step_um: f64,
+    /// Whether standard deviations of positions are reported.
+    has_deviations: bool,
 }
 
 impl Coarse {
@@ -120,7 +122,13 @@ impl<I: ParticleImages> Locator<I> {
         noise: PixelNoise,
     ) -> Self {
         let step_um = templates.iter().flatten().map(Templates::step_um).fold(f64::INFINITY, f64::min);
-        Locator { images, error, coarse: Coarse::new(templates, places, noise), step_um }
+        let coarse = Coarse::new(templates, places, noise);
+        Locator { images, error, coarse, step_um, has_deviations: false }
+    }
+
+    /// The same with standard deviations of positions, which images without errors of their own determine.
+    pub(super) fn with_deviations(self) -> Self {
+        Locator { has_deviations: true, ..self }
     }
 
     /// Localizes and links the particles of a recording.
@@ -154,6 +162,7 @@ impl<I: ParticleImages> Locator<I> {
             x_px: fit.at[0] + 1.0,
             y_px: fit.at[1] + 1.0,
             z_um: Some(fit.z_um),
+            deviations: fit.deviations.filter(|_| self.has_deviations),
             shape: None,
         };
         (found.map(localization).collect(), rejections)

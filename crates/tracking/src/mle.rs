@@ -95,7 +95,7 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
         images.push(model);
     }
     let places = FieldPlaces::new(sensor.map_or_else(Vec::new, places));
-    Ok(Locator::over_field(search, places, images, MODEL_ERROR, noise))
+    Ok(Locator::over_field(search, places, images, MODEL_ERROR, noise).with_deviations())
 }
 
 /// Images of spheroids, and the noise of a frame.

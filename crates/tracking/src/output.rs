@@ -13,6 +13,8 @@ pub(super) struct Row {
     pub(super) x_px: f64,
     pub(super) y_px: f64,
     pub(super) z_um: Option<f64>,
+    /// Standard deviations of x, y (px) and z (um).
+    pub(super) deviations: Option<[f64; 3]>,
     pub(super) shape: Option<ShapeEstimate>,
 }
 
@@ -63,6 +65,12 @@ impl Output {
                 ];
                 if points.is_empty() || points.iter().any(|p| p.z_um.is_some()) {
                     columns.push(numbers("z_um", of(|p| p.z_um.unwrap_or(f64::NAN))));
+                }
+                if points.iter().any(|p| p.deviations.is_some()) {
+                    columns.extend(["sx_px", "sy_px", "sz_um"].iter().enumerate().map(|(axis, name)| {
+                        let values = points.iter().map(|p| p.deviations.map_or(f64::NAN, |sd| sd[axis]));
+                        numbers(name, values.collect())
+                    }));
                 }
                 columns.extend(shapes(points));
                 return Columns(columns);
@@ -119,9 +127,6 @@ fn shapes(points: &[Row]) -> Vec<(String, Values)> {
         return columns;
     }
     columns.extend([
-        uncertain("sx_px", &|s| Some(s.deviations[0])),
-        uncertain("sy_px", &|s| Some(s.deviations[1])),
-        uncertain("sz_um", &|s| Some(s.deviations[2])),
         uncertain("axis_sd_deg", &|s| Some(s.axis_deviations[0].to_degrees())),
         uncertain("axis_least_sd_deg", &|s| Some(s.axis_deviations[1].to_degrees())),
         uncertain("axis_sd_x", &|s| Some(s.uncertain.x)),

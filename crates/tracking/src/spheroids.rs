@@ -206,7 +206,8 @@ impl Spheroids {
             let Pose { at, z_um, axis, e_p, .. } = starts[0];
             let aspect = self.reported(e_p, f64::NAN).map(|(aspect, _)| aspect);
             let shape = Some(ShapeEstimate { axis, aspect, uncertainty: None });
-            Localization { x_px: at[0] + 1.0, y_px: at[1] + 1.0, z_um: Some(z_um), shape }
+            let [x_px, y_px] = at.map(|at| at + 1.0);
+            Localization { x_px, y_px, z_um: Some(z_um), deviations: None, shape }
         };
         self.matched(frame).particles.into_iter().map(|(_, starts)| of_particle(starts)).collect()
     }
@@ -243,14 +244,14 @@ impl Spheroids {
             axis,
             aspect,
             uncertainty: Some(ShapeUncertainty {
-                deviations: [x, y, z],
                 axis_deviations: [(mean + half).sqrt(), (mean - half).max(0.0).sqrt()],
                 uncertain: turn.cos() * u + turn.sin() * v,
                 other: fitted.other,
                 aspect: aspect_sd.unwrap_or(f64::NAN),
             }),
         };
-        Some(Localization { x_px: at[0] + 1.0, y_px: at[1] + 1.0, z_um: Some(z_um), shape: Some(shape) })
+        let ([x_px, y_px], deviations) = (at.map(|at| at + 1.0), Some([x, y, z]));
+        Some(Localization { x_px, y_px, z_um: Some(z_um), deviations, shape: Some(shape) })
     }
 }
 

@@ -84,6 +84,7 @@ impl LogDetector {
                     x_px: x as f64 + 1.0 + f64::from(dx),
                     y_px: y as f64 + 1.0 + f64::from(dy),
                     z_um: None,
+                    deviations: None,
                     shape: None,
                 });
             }

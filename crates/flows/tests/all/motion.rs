@@ -96,6 +96,41 @@ fn tracers_at_rest_diffuse_by_2dt_on_every_axis() {
     assert!(correlation.abs() < 4.0 / (3.0 * count as f64).sqrt(), "{correlation}");
 }
 
+/// 2 um silica in water at 10 Hz: between two frames a sphere settles by 2.5 times its gravitational length of
+/// 0.1 um, and diffuses by twice that length.
+#[test]
+fn settled_spheres_have_boltzmanns_profile_whatever_the_frame_rate() {
+    let region = Region::new(DVec3::new(-20.0, -20.0, 0.0), DVec3::new(20.0, 20.0, 2.5)).unwrap();
+    let domain = Domain::new(region, [Periodic, Periodic, Wall]);
+    let seeding = Seeding::poisson(0.5, Diameters::equal(2.0).unwrap()).unwrap();
+    let field = rest();
+    let settling = Settling::new(1000.0, &liquid(0.89e-3), DVec3::NEG_Z).unwrap();
+    let speed = settling.velocity(2.0, &SpheroidFriction::SPHERE, DVec3::Z).length();
+    let length = water(2).diffusion(2.0) / speed;
+    assert!((length - 0.1).abs() < 0.001, "{length}");
+    let scene = Scene::new(&field, &domain, &seeding)
+        .unwrap()
+        .with_brownian(water(2))
+        .with_settling(settling)
+        .keeping_ids();
+    for (what, scene) in [("free", scene), ("hindered", scene.with_slowing_walls())] {
+        // Far from walls they settle by five lengths in 0.2 s; next to the wall, a tenth as fast.
+        let times = times(if what == "free" { 8 } else { 26 }, 0.1);
+        let last = frames(&scene, &times, 6).pop().unwrap();
+        let n = last.tracers.len() as f64;
+        let mut counts = [0.0; 20];
+        for tracer in &last.tracers {
+            // Share of the profile below the sphere.
+            let below = |gap: f64| 1.0 - (-gap / length).exp();
+            let share = below(tracer.position.z - 1.0) / below(0.5);
+            counts[((share * 20.0) as usize).min(19)] += 1.0;
+        }
+        let chi: f64 = counts.iter().map(|c| (c - n / 20.0) * (c - n / 20.0) / (n / 20.0)).sum();
+        println!("{what}: {n} spheres, chi-square {chi:.1}, {counts:?}");
+        assert!(n > 1000.0 && chi < LIMIT, "{what}: {chi}");
+    }
+}
+
 #[test]
 fn shear_and_diffusion_act_together() {
     // g t = 10 in 20 steps: var x = 2 D t (1 + (g t)^2 (1/3 - 1/(12 n^2))); 40000 tracers in a box so large

@@ -14,7 +14,7 @@ use serde::Serialize;
 
 pub use depth_of_field::depth_of_field_um;
 use depth_of_field::span;
-use microsig_core::visibility::DepthScan;
+use microsig_core::visibility::{DepthScan, ScanImage};
 pub use picture::svg;
 use scenario::{CylinderFacts, MotionSource, Scenario, spec::Diameter};
 use storage::error::Result;
@@ -99,6 +99,9 @@ pub struct SizeCurves {
     pub d_um: f64,
     /// Depth of the highest peak, um; `None` if all are equally high.
     pub focus_um: Option<f64>,
+    /// The image there.
+    #[serde(skip)]
+    focus: Option<DepthFacts>,
     /// Depths of minimum width along x and along y (root mean square of all light), um: the two focal planes
     /// of a cylindrical lens.
     pub focal_planes_um: [f64; 2],
@@ -253,7 +256,7 @@ impl Preview {
             ));
         }
         for size in &self.sizes {
-            let peak = size.depths.iter().map(|depth| depth.peak_counts).fold(0.0, f64::max);
+            let peak = size.range(|depth| Some(depth.peak_counts)).map_or(0.0, |[_, highest]| highest);
             if self.background_counts + peak > self.saturation_counts {
                 warnings.push(format!(
                     "images of {:.3} um particles reach {:.0} counts, above the saturation level of {:.0}",
@@ -285,9 +288,9 @@ impl Preview {
 }
 
 impl SizeCurves {
-    /// Minimum and maximum over depth, if there are values.
+    /// Minimum and maximum over depth, best focus included, if there are values.
     pub fn range(&self, of: impl Fn(&DepthFacts) -> Option<f64>) -> Option<[f64; 2]> {
-        self.depths.iter().filter_map(of).fold(None, |range: Option<[f64; 2]>, value| {
+        self.depths.iter().chain(&self.focus).filter_map(of).fold(None, |range: Option<[f64; 2]>, value| {
             Some(range.map_or([value; 2], |[low, high]| [low.min(value), high.max(value)]))
         })
     }
@@ -325,32 +328,32 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<SizeCurves
     let response = scenario.response()?;
     let noise = response.background_noise;
     let factor = scenario.depth_factor();
-    let peaks = scenario.peak_counts(response.slope, d_um, scan);
-    let depths: Vec<DepthFacts> = (scan.depths_um.iter().zip(&scan.images).zip(peaks))
-        .map(|((&z_um, spot), peak_counts)| {
-            // Counts per electron if electrons fluctuate; without a camera, counts per ray.
-            let counts = match &scenario.detector {
-                Some(detector) if detector.shot_noise => detector.gain_counts_per_e,
-                None if scenario.renderer.has_ray_noise() && spot.peak > 0.0 => peak_counts / spot.peak,
-                _ => 0.0,
-            };
-            let at_peak = (noise * noise + counts * peak_counts).sqrt();
-            let [width_px, height_px] = spot.size_px();
-            let sphere = Particle::sphere(1.0, 1.0, z_um / factor, d_um);
-            let all = scenario.renderer.accepted_light(&sphere).filter(|light| *light > 0.0);
-            let share = |light: f64| all.map(|all| light / all);
-            DepthFacts {
-                z_um,
-                peak_counts,
-                snr: (noise > 0.0).then(|| peak_counts / noise),
-                snr_with_shot_noise: (at_peak > 0.0).then(|| peak_counts / at_peak),
-                width_px,
-                height_px,
-                share: share(spot.on_sensor),
-                share_near: share(spot.total),
-            }
-        })
-        .collect();
+    let facts = |z_um: f64, spot: &ScanImage| {
+        let peak_counts = scenario.peak_counts(response.slope, d_um, z_um, spot);
+        // Counts per electron if electrons fluctuate; without a camera, counts per ray.
+        let counts = match &scenario.detector {
+            Some(detector) if detector.shot_noise => detector.gain_counts_per_e,
+            None if scenario.renderer.has_ray_noise() && spot.peak > 0.0 => peak_counts / spot.peak,
+            _ => 0.0,
+        };
+        let at_peak = (noise * noise + counts * peak_counts).sqrt();
+        let [width_px, height_px] = spot.size_px();
+        let sphere = Particle::sphere(1.0, 1.0, z_um / factor, d_um);
+        let all = scenario.renderer.accepted_light(&sphere).filter(|light| *light > 0.0);
+        let share = |light: f64| all.map(|all| light / all);
+        DepthFacts {
+            z_um,
+            peak_counts,
+            snr: (noise > 0.0).then(|| peak_counts / noise),
+            snr_with_shot_noise: (at_peak > 0.0).then(|| peak_counts / at_peak),
+            width_px,
+            height_px,
+            share: share(spot.on_sensor),
+            share_near: share(spot.total),
+        }
+    };
+    let depths: Vec<DepthFacts> =
+        scan.depths_um.iter().zip(&scan.images).map(|(z_um, spot)| facts(*z_um, spot)).collect();
     let at = |i: usize| &depths[i];
     let last = depths.len() - 1;
     let outer = OUTER.min(last);
@@ -360,6 +363,7 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<SizeCurves
     Ok(SizeCurves {
         d_um,
         focus_um: scan.focus_um(),
+        focus: scan.focus.as_ref().map(|(z_um, spot)| facts(*z_um, spot)),
         focal_planes_um: scan.focal_planes_um(),
         least_sizes_um: scan.least_sizes_um(),
         ring_slopes_px_um: [slope(at(0), at(outer)), slope(at(last - outer), at(last))],

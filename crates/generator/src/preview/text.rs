@@ -87,10 +87,9 @@ fn others(preview: &Preview) -> String {
     all.filter_map(of_size).collect()
 }
 
-/// The image with the highest peak.
+/// The image in best focus.
 fn best(size: &SizeCurves) -> DepthFacts {
-    let best = size.depths.iter().max_by(|a, b| a.peak_counts.total_cmp(&b.peak_counts));
-    best.copied().unwrap_or(size.depths[0])
+    size.focus.unwrap_or(size.depths[0])
 }
 
 /// The complete text.

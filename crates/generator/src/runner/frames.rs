@@ -81,6 +81,7 @@ pub(super) fn write(
         let truth = truth.frame(frame, before)?;
         let rows = &truth.particles;
         let stored = files.store(frame.index, rows, || camera.image(rows, frame.index))?;
+        camera.renderer().shortfall()?;
         Ok((frame.index, FrameText::of(scenario, &truth), stored))
     };
     let add = |outputs: Vec<(u32, FrameText, StoredFrame)>| {

@@ -124,7 +124,7 @@ pub(super) fn assemble(
     options.progress.check()?;
     manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image, &sizes))?;
 
-    let of_images = camera.renderer().shortfall();
+    let of_images = camera.renderer().shortfall()?;
     let implausible = plausibility::warnings(scenario, &census, &image, saturated)?;
     partial.finish_without_journal(Earlier::new(MANIFEST, options.force))?;
     Ok(Generated {

@@ -74,6 +74,7 @@ impl MemoryDataset {
         let take = |frame: &Frame, before: Option<&Frame>| {
             let truth = truth.frame(frame, before)?;
             let image = camera.image(&truth.particles, frame.index);
+            camera.renderer().shortfall()?;
             Ok((truth, image))
         };
         let add = |taken: Vec<(FrameTruth, Image)>| {
@@ -103,7 +104,12 @@ impl MemoryDataset {
 
     /// Warnings of the scenario and of its images.
     pub fn warnings(&self) -> Vec<String> {
-        self.scenario.warnings.iter().cloned().chain(self.camera.renderer().shortfall()).collect()
+        self.scenario
+            .warnings
+            .iter()
+            .cloned()
+            .chain(self.camera.renderer().shortfall().ok().flatten())
+            .collect()
     }
 
     /// Counts of all images, an array of shape (frames, rows, columns).

@@ -124,6 +124,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     files.par_iter().zip(&image_names).enumerate().try_for_each(|(i, (file, name))| {
         options.progress.check()?;
         let image = camera.image(&read(file)?, options.first_frame + i as u32);
+        camera.renderer().shortfall()?;
         folder.save_bytes(name, &*camera.tiff(&image, None, &folder.join(name))?)?;
         bar.inc(1);
         Ok::<(), Error>(())
@@ -132,7 +133,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     if let Some(partial) = partial {
         partial.finish_without_journal(Earlier::new(MANIFEST, false))?;
     }
-    warnings.extend(camera.renderer().shortfall());
+    warnings.extend(camera.renderer().shortfall()?);
     Ok(Rendered {
         out: options.out.clone(),
         images: files.len(),
@@ -226,7 +227,7 @@ pub fn render_particles(
     let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
     limit(check_particles(particles, &camera, "particles")?, &mut warnings);
     let image = camera.image(particles, frame);
-    warnings.extend(camera.renderer().shortfall());
+    warnings.extend(camera.renderer().shortfall()?);
     Ok((image, warnings))
 }
 

@@ -202,7 +202,7 @@ impl Tables for FieldRenderer {
         self.inner.tables().map_or(TablesState { count: 0, bytes: 0, error: 0.0 }, Tables::state)
     }
 
-    fn shortfall(&self) -> Option<String> {
+    fn shortfall(&self) -> Result<Option<String>, Error> {
         self.inner.shortfall()
     }
 }

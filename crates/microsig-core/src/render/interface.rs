@@ -145,5 +145,8 @@ pub trait Tables {
     fn state(&self) -> TablesState;
 
     /// How far the images drawn so far miss the requested accuracy; `None` if they meet it.
-    fn shortfall(&self) -> Option<String>;
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] if they err by more than [`super::tabled::LARGEST_SHORTFALL`] tolerances.
+    fn shortfall(&self) -> Result<Option<String>, Error>;
 }

@@ -256,7 +256,10 @@ impl Renderer {
     }
 
     /// [`Tables::shortfall`]; `None` without tables.
-    pub fn shortfall(&self) -> Option<String> {
-        self.tables().and_then(Tables::shortfall)
+    ///
+    /// # Errors
+    /// Those of [`Tables::shortfall`].
+    pub fn shortfall(&self) -> Result<Option<String>, Error> {
+        self.tables().map_or(Ok(None), Tables::shortfall)
     }
 }

@@ -34,6 +34,9 @@ use crate::stream::{Purpose, Streams};
 /// The allowed range of tolerances, relative to the peak of an image.
 pub const TOLERANCES: RangeInclusive<f64> = 1e-4..=0.1;
 
+/// Images whose error exceeds this number of tolerances are refused.
+pub const LARGEST_SHORTFALL: f64 = 10.0;
+
 /// Number of sources after which those gathered are drawn, which bounds the tables and images in memory at
 /// the same time.
 const SOURCES: usize = 1024;
@@ -86,6 +89,11 @@ pub trait ImageModel: Debug + Send + Sync {
 
     fn accepted_light(&self, particle: &Particle) -> Option<f64>;
 
+    /// Whether light of a particle can land on the sensor.
+    fn reaches_sensor(&self, particle: &Particle) -> bool {
+        self.rays().reaches_sensor(particle)
+    }
+
     /// Appends what is drawn for a particle whose brightness is `factor`.
     fn sources(&self, particle: &Particle, factor: f64, out: &mut Vec<Source>);
 
@@ -113,6 +121,12 @@ pub trait ImageModel: Debug + Send + Sync {
     fn depth_scale(&self, particle: &Particle) -> f64 {
         let _ = particle;
         1.0
+    }
+
+    /// A source as a table of this layout has it.
+    fn placed(&self, at: &Particle, layout: &Self::Layout) -> Particle {
+        let _ = layout;
+        *at
     }
 
     /// The ranges of depth and size of one table.
@@ -155,7 +169,7 @@ pub struct TabledRenderer<M: ImageModel> {
 
 /// Where the image of a source comes from.
 enum ImageSource<L> {
-    Table(Arc<DepthTable<L>>),
+    Table(Particle, Arc<DepthTable<L>>),
     Patch(Window, Vec<f32>),
 }
 
@@ -180,7 +194,7 @@ pub(super) fn farthest_px(settings: &Settings) -> [f64; 2] {
 }
 
 /// The pixels within `reach_px` of a particle.
-fn window(settings: &Settings, particle: &Particle, reach_px: (f64, f64)) -> Window {
+pub(super) fn window(settings: &Settings, particle: &Particle, reach_px: (f64, f64)) -> Window {
     let sensor = (settings.pixel_dim_x, settings.pixel_dim_y);
     Window::around(particle.x_px, particle.y_px, reach_px, sensor)
 }
@@ -194,7 +208,7 @@ pub(super) fn check<M: ImageModel>(model: &M, particle: &Particle) -> Result<Opt
     let farthest = outside(particle.x_px, settings.pixel_dim_x)
         .max(outside(particle.y_px, settings.pixel_dim_y))
         + spread_px;
-    if farthest > margin && model.rays().reaches_sensor(particle) {
+    if farthest > margin && model.reaches_sensor(particle) {
         return Err(Error::Unsupported(format!(
             "it reaches {farthest:.1} px outside the sensor, onto which its light falls; {} support particles up to {margin} px \
              outside",
@@ -242,7 +256,7 @@ impl<M: ImageModel> TabledRenderer<M> {
         let mut tables = self.tables_of(sources).into_iter();
         let windows = sources.iter().map(|source| match source.is_direct {
             true => self.direct_window(source),
-            false => tables.next().map_or_else(Window::default, |table| self.table_window(source, &table)),
+            false => tables.next().map_or_else(Window::default, |(at, table)| self.table_window(&at, &table)),
         });
         windows.fold(Window::default(), Window::joined)
     }
@@ -278,7 +292,8 @@ impl<M: ImageModel> TabledRenderer<M> {
     /// The data from which each source is drawn; those drawn directly, on a window or where their light
     /// falls.
     fn images(&self, sources: &[Source], on: Option<Window>) -> Vec<ImageSource<M::Layout>> {
-        let mut tables = self.tables_of(sources).into_iter().map(ImageSource::Table);
+        let tables = self.tables_of(sources).into_iter();
+        let mut tables = tables.map(|(at, table)| ImageSource::Table(at, table));
         let direct = sources.par_iter().map(|source| {
             source.is_direct.then(|| {
                 checkpoint();
@@ -296,9 +311,9 @@ impl<M: ImageModel> TabledRenderer<M> {
         window(self.settings(), &source.at, self.model.extent_px(&source.at))
     }
 
-    fn table_window(&self, source: &Source, table: &DepthTable<M::Layout>) -> Window {
-        let [x, y] = table.reach(source.at.z_um);
-        window(self.settings(), &source.at, (x, y))
+    fn table_window(&self, at: &Particle, table: &DepthTable<M::Layout>) -> Window {
+        let [x, y] = table.reach(at.z_um);
+        window(self.settings(), at, (x, y))
     }
 
     fn by_differences(&self, particle: &Particle) -> Option<Gradient> {
@@ -320,11 +335,13 @@ impl<M: ImageModel> TabledRenderer<M> {
         spheres.iter().map(|sphere| self.model.ranges().key(sphere)).collect()
     }
 
-    /// The table of each source that has one; missing tables are built in parallel.
-    fn tables_of(&self, sources: &[Source]) -> Vec<Arc<DepthTable<M::Layout>>> {
-        let tabled = sources.iter().filter(|source| !source.is_direct);
-        let keys: Vec<Key> = tabled.map(|source| self.model.ranges().key(&source.at)).collect();
-        self.get(&keys)
+    /// The table of each source that has one, and the source as the table has it; missing tables are built in
+    /// parallel.
+    fn tables_of(&self, sources: &[Source]) -> Vec<(Particle, Arc<DepthTable<M::Layout>>)> {
+        let tabled = || sources.iter().filter(|source| !source.is_direct);
+        let keys: Vec<Key> = tabled().map(|source| self.model.ranges().key(&source.at)).collect();
+        let pairs = tabled().zip(self.get(&keys));
+        pairs.map(|(source, table)| (self.model.placed(&source.at, &table.layout), table)).collect()
     }
 
     fn get(&self, keys: &[Key]) -> Vec<Arc<DepthTable<M::Layout>>> {
@@ -370,11 +387,11 @@ impl<M: ImageModel> pulp::WithSimd for Draw<'_, M> {
         let Draw { renderer, sources, images, mut band } = self;
         let mut pen = M::Pen::default();
         for (source, image) in sources.iter().zip(images) {
-            let Source { at, light, .. } = source;
+            let light = &source.light;
             match image {
                 ImageSource::Patch(window, counts) => band.add(*window, counts, *light as f32),
-                ImageSource::Table(table) => {
-                    let window = renderer.table_window(source, table);
+                ImageSource::Table(at, table) => {
+                    let window = renderer.table_window(at, table);
                     if window.width > 0 && !band.rows(&window).is_empty() {
                         let (x_px, y_px, z_um, radius_um) = (at.x_px, at.y_px, at.z_um, 0.5 * at.d_um);
                         let sphere =
@@ -417,7 +434,7 @@ impl<M: ImageModel> Render for TabledRenderer<M> {
     }
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {
-        self.model.rays().reaches_sensor(particle)
+        self.model.reaches_sensor(particle)
     }
 
     fn accepted_light(&self, particle: &Particle) -> Option<f64> {
@@ -444,11 +461,11 @@ impl<M: ImageModel> Render for TabledRenderer<M> {
     /// For spheres from the tables, for spheroids by differences over half a pixel and 1 um.
     fn gradient(&self, particle: &Particle, window: Option<Window>) -> Option<Gradient> {
         let sources = self.sources(particle);
-        let [Source { at, light, is_direct: false }] = sources[..] else {
+        let [Source { light, is_direct: false, .. }] = sources[..] else {
             return if window.is_none() { self.by_differences(particle) } else { None };
         };
-        let table = self.tables_of(&sources).remove(0);
-        let window = window.unwrap_or_else(|| self.table_window(&sources[0], &table));
+        let (at, table) = self.tables_of(&sources).remove(0);
+        let window = window.unwrap_or_else(|| self.table_window(&at, &table));
         let plane = table.plane_at(at.z_um, 0.5 * at.d_um, [at.x_px, at.y_px]);
         let scale = self.model.depth_scale(particle);
         let pixel = |dx: f64, dy: f64| {
@@ -496,9 +513,9 @@ impl<M: ImageModel> TabledRenderer<M> {
             self.model.sources(&point, 1.0, &mut sources);
         }
         let mut pixels = vec![[0.0; VALUES]; window.area()];
-        for ((emitter, source), table) in emitters.iter().zip(&sources).zip(self.tables_of(&sources)) {
+        for (emitter, (at, table)) in emitters.iter().zip(self.tables_of(&sources)) {
             checkpoint();
-            self.add_emitter((particle, of), (emitter, source, &table), window, &mut pixels);
+            self.add_emitter((particle, of), (emitter, &at, &table), window, &mut pixels);
         }
         let by_aspect = shape::light_by_aspect(spheroid.e_p);
         pixels.iter_mut().for_each(|pixel| pixel[6] += by_aspect * pixel[0]);
@@ -509,11 +526,10 @@ impl<M: ImageModel> TabledRenderer<M> {
     fn add_emitter(
         &self,
         (particle, of): (&Particle, &SpheroidLight),
-        (emitter, source, table): (&ShapeEmitter, &Source, &DepthTable<M::Layout>),
+        (emitter, at, table): (&ShapeEmitter, &Particle, &DepthTable<M::Layout>),
         window: Window,
         pixels: &mut [[f64; VALUES]],
     ) {
-        let at = &source.at;
         let plane = table.plane_at(at.z_um, 0.0, [at.x_px, at.y_px]);
         let scale = self.model.depth_scale(particle);
         let moved = emitter.offset_by.map(|by| (of.magnification * by.truncate()).extend(by.z));
@@ -555,13 +571,16 @@ impl<M: ImageModel> Tables for TabledRenderer<M> {
         self.tables.state()
     }
 
-    fn shortfall(&self) -> Option<String> {
+    fn shortfall(&self) -> Result<Option<String>, Error> {
         let (error, tolerance) = (self.state().error, self.tolerance());
-        (error > tolerance).then(|| {
-            format!(
-                "{} err by up to {error:.1e} of their peaks, more than the tolerance of {tolerance:.1e}",
-                M::IMAGES
-            )
-        })
+        let errs = || format!("{} err by up to {error:.1e} of their peaks", M::IMAGES);
+        if error > LARGEST_SHORTFALL * tolerance {
+            return Err(Error::Unsupported(format!(
+                "{}, more than {LARGEST_SHORTFALL} times the tolerance of {tolerance:.1e}: the optics are beyond what tables \
+                 can hold (weaker aberrations over the field, a smaller depth range or a larger tolerance are not)",
+                errs()
+            )));
+        }
+        Ok((error > tolerance).then(|| format!("{}, more than the tolerance of {tolerance:.1e}", errs())))
     }
 }

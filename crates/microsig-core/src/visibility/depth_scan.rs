@@ -15,6 +15,13 @@ pub(super) const AREA_SHARE: f64 = 0.1;
 /// Images are cropped where they remain below this fraction of their peak.
 const CUT_SHARE: f64 = 0.005;
 
+/// Best focus is resolved where the peaks on both sides exceed this fraction of the highest: their maximum is
+/// then at most 0.5 % higher.
+const RESOLVED: f64 = 0.98;
+
+/// Maximum number of times that the spacing of depths around best focus is halved.
+const HALVINGS: usize = 8;
+
 /// Maximum half width of an image, px; light farther away is far below a tenth of the peak.
 const LONGEST_HALF_PX: usize = 400;
 
@@ -25,6 +32,9 @@ pub struct DepthScan {
     pub depths_um: Vec<f64>,
     /// The image at each depth.
     pub images: Vec<ScanImage>,
+    /// Depth (um) and image of the highest peak, also between these depths; `None` if all peaks are equal
+    /// (all depths in focus).
+    pub focus: Option<(f64, ScanImage)>,
 }
 
 /// A noise-free image of a particle with brightness factor 1.
@@ -76,13 +86,11 @@ impl DepthScan {
         let renderer = draw(&settings)?;
         let middle = (half_px + 1) as f64;
         let at = |z: &f64| Particle::sphere(middle, middle, z / depth_factor, d_um);
-        let particles: Vec<Particle> = depths_um.iter().map(at).collect();
-        renderer.prepare(&[&particles]);
-        let images = particles
-            .par_iter()
-            .map(|particle| ScanImage::new(half_px, renderer.mean_light(particle).values, sensor))
-            .collect();
-        Ok(DepthScan { depths_um, images })
+        renderer.prepare(&[&depths_um.iter().map(at).collect::<Vec<_>>()]);
+        let image = |z: &f64| ScanImage::new(half_px, renderer.mean_light(&at(z)).values, sensor);
+        let images: Vec<ScanImage> = depths_um.par_iter().map(image).collect();
+        let focus = sharpest(depths_um.iter().copied().zip(images.iter().map(|spot| spot.peak)), image);
+        Ok(DepthScan { depths_um, images, focus })
     }
 
     /// A_pi: the area of a particle image averaged over depth, px^2.
@@ -92,12 +100,7 @@ impl DepthScan {
 
     /// Depth of the image with the highest peak, um; `None` if all peaks are equal (all depths in focus).
     pub fn focus_um(&self) -> Option<f64> {
-        let peaks = || self.images.iter().map(|spot| spot.peak);
-        if peaks().all(|peak| peak == self.images[0].peak) {
-            return None;
-        }
-        let best = peaks().zip(&self.depths_um).max_by(|a, b| a.0.total_cmp(&b.0));
-        best.map(|(_, z)| *z)
+        self.focus.as_ref().map(|(z_um, _)| *z_um)
     }
 
     /// Depths at which images are narrowest along x and along y, um: the two focal planes of a cylindrical
@@ -118,13 +121,9 @@ impl DepthScan {
             let value = |i: usize| values[i][axis];
             let last = values.len() - 1;
             let least = (0..=last).min_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or_default();
-            // The vertex of the parabola through the minimum and its neighbors.
-            let shift = if (1..last).contains(&least) {
-                let [below, at, above] = [least - 1, least, least + 1].map(value);
-                let curvature = below - 2.0 * at + above;
-                if curvature > 0.0 { 0.5 * (below - above) / curvature } else { 0.0 }
-            } else {
-                0.0
+            let shift = match (1..last).contains(&least) {
+                true => vertex([least - 1, least, least + 1].map(|i| -value(i))),
+                false => 0.0,
             };
             self.depths_um[least] + shift * (self.depths_um[1] - self.depths_um[0])
         })
@@ -141,6 +140,52 @@ impl DepthScan {
         let peak = (1.0 - share) * self.images[below].peak + share * self.images[below + 1].peak;
         (&self.images[below + usize::from(share >= 0.5)], peak)
     }
+}
+
+/// Position of the vertex of the parabola through values at -1, 0 and 1; 0 if it is no maximum.
+fn vertex([below, at, above]: [f64; 3]) -> f64 {
+    let curvature = 2.0 * at - below - above;
+    if curvature > 0.0 { 0.5 * (above - below) / curvature } else { 0.0 }
+}
+
+/// The depth (um) and the image of the highest peak. `known`: peaks at equally spaced depths.
+fn sharpest(
+    known: impl Iterator<Item = (f64, f64)>,
+    image: impl Fn(&f64) -> ScanImage + Sync,
+) -> Option<(f64, ScanImage)> {
+    let mut known: Vec<(f64, f64)> = known.collect();
+    if known.iter().all(|(_, peak)| *peak == known[0].1) {
+        return None;
+    }
+    let highest = |known: &[(f64, f64)]| {
+        (0..known.len()).max_by(|a, b| known[*a].1.total_cmp(&known[*b].1)).unwrap_or_default()
+    };
+    for halving in 0..HALVINGS {
+        let best = highest(&known);
+        // A sharp peak may lie beside a depth that is not the best of a coarse scan.
+        let near = |depths: usize| best.saturating_sub(depths)..(best + depths + 1).min(known.len());
+        if known[near(1)].iter().all(|(_, peak)| *peak >= RESOLVED * known[best].1) {
+            break;
+        }
+        let between = known[near(if halving == 0 { 2 } else { 1 })].par_windows(2).map(|pair| {
+            let z_um = 0.5 * (pair[0].0 + pair[1].0);
+            (z_um, image(&z_um).peak)
+        });
+        let between: Vec<(f64, f64)> = between.collect();
+        known.extend(between);
+        known.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    let best = highest(&known);
+    let (z_um, peak) = known[best];
+    if best > 0 && best + 1 < known.len() {
+        let shift = vertex([best - 1, best, best + 1].map(|i| known[i].1));
+        let step_um = known[best + 1].0 - z_um;
+        let at_vertex = image(&(z_um + shift * step_um));
+        if at_vertex.peak >= peak {
+            return Some((z_um + shift * step_um, at_vertex));
+        }
+    }
+    Some((z_um, image(&z_um)))
 }
 
 impl ScanImage {
@@ -224,6 +269,7 @@ mod tests {
     use super::*;
     use crate::emission::SpheroidLaw;
     use crate::render::RayRenderer;
+    use crate::render::waves::{Lens, WaveOptics, WavesRenderer};
 
     #[test]
     fn a_spot_is_measured_by_hand() {
@@ -256,10 +302,33 @@ mod tests {
             assert!((spot.area_px / area_px - 1.0).abs() < 0.06, "{z}: {}", spot.area_px);
             assert!((at / peak - 0.975).abs() < 0.045, "{z}: {at}");
         }
-        assert_eq!(stack.focus_um(), Some(-12.0));
+        assert!((stack.focus_um().unwrap() + 12.0).abs() < 1.0, "{:?}", stack.focus_um());
         // Linear in between.
         let (half, a, b) = (stack.at(-11.0).1, stack.at(-12.0).1, stack.at(-10.0).1);
         assert!((half - 0.5 * (a + b)).abs() < 1e-9 && stack.at(99.0).1 == stack.at(20.0).1);
+    }
+
+    /// The depth of field is comparable to the spacing of the scan: the highest of its peaks is
+    /// several per cent too low.
+    #[test]
+    fn best_focus_lies_between_the_depths_of_a_scan() {
+        let settings = Settings {
+            magnification: 20.0,
+            numerical_aperture: 0.5,
+            pixel_size: 6.5,
+            pixel_dim_x: 64,
+            pixel_dim_y: 64,
+            ..Settings::setting1()
+        };
+        let optics = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };
+        let draw = |settings: &Settings| Ok(WavesRenderer::new(settings, &optics, 0.02)?.into());
+        let coarse = DepthScan::measure(draw, &settings, 0.5, (-40.0, 41.7), 1.0).unwrap();
+        let fine = DepthScan::measure(draw, &settings, 0.5, (-1.0, 1.5), 1.0).unwrap();
+        let highest = |scan: &DepthScan| scan.images.iter().map(|image| image.peak).fold(0.0, f64::max);
+        let (z_um, image) = coarse.focus.clone().unwrap();
+        assert!((image.peak / highest(&fine) - 1.0).abs() < 0.01, "{} not {}", image.peak, highest(&fine));
+        assert!(z_um.abs() < 0.1, "{z_um}");
+        assert!(highest(&coarse) < 0.96 * image.peak, "{}", highest(&coarse));
     }
 
     #[test]

@@ -3,10 +3,11 @@
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use microsig_core::emission::{SpheroidLaw, sphere_points};
+use microsig_core::optics::{FieldComa, FieldOptics};
 use microsig_core::render::InstructionSet;
 use microsig_core::render::expected::ExpectedRenderer;
 use microsig_core::render::waves::{Emission, Lens, Mask, Pinhole, WaveOptics, WavesRenderer};
-use microsig_core::render::{Render, Tables, TablesState};
+use microsig_core::render::{Render, Tables, TablesState, Window};
 use microsig_core::{Particle, Settings};
 
 /// One row of cases.csv with its image.
@@ -427,4 +428,73 @@ fn a_turned_cylinder_turns_the_image() {
     let ([xx, yy, _], [_, _, turned_xy]) = (moments(&at(0.0, &window)), moments(&at(30.0, &window)));
     let expected = (xx - yy) * 0.5 * libm::sin(std::f64::consts::FRAC_PI_3);
     assert!((turned_xy / expected - 1.0).abs() < 0.05, "{turned_xy}, not {expected}");
+}
+
+/// Coma moves the rims of defocused images, but not images in focus: at the center of the field, where there is
+/// none, they are those without coma.
+#[test]
+fn coma_over_the_field_leaves_images_in_focus_as_they_are() {
+    let settings = Settings {
+        magnification: 10.0,
+        numerical_aperture: 0.3,
+        pixel_size: 6.5,
+        pixel_dim_x: 1280,
+        pixel_dim_y: 1280,
+        points_per_pixel: 100.0,
+        ..Settings::setting1()
+    };
+    let coma = FieldComa { per_mm: 0.3, ..FieldComa::default() };
+    let draw = |field: FieldOptics, tolerance: f64| {
+        let optics = WaveOptics { lens: Lens::Aplanatic, field, ..WaveOptics::new(0.52) };
+        let renderer = WavesRenderer::new(&settings, &optics, tolerance).unwrap();
+        let patch = renderer.patch(&Particle::sphere(640.5, 640.5, 0.0, 0.1)).unwrap();
+        let shortfall = renderer.shortfall();
+        (patch.on(Window { x0: 625, y0: 625, width: 32, height: 32 }), shortfall)
+    };
+    let (plain, _) = draw(FieldOptics::default(), 1e-3);
+    let (seen, shortfall) = draw(FieldOptics { coma, ..FieldOptics::default() }, 3e-3);
+    assert_eq!(shortfall.unwrap(), None);
+    let peak = plain.iter().copied().fold(0.0, f64::max);
+    let largest = plain.iter().zip(&seen).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    println!("{}", largest / peak);
+    assert!(largest < 4e-3 * peak, "{}", largest / peak);
+    // What tables cannot hold is refused.
+    let coma = FieldComa { per_mm: 6.0, ..FieldComa::default() };
+    let (_, shortfall) = draw(FieldOptics { coma, ..FieldOptics::default() }, 3e-4);
+    let message = shortfall.unwrap_err().to_string();
+    assert!(message.contains("more than 10 times the tolerance of 3.0e-4"), "{message}");
+}
+
+/// MicroSIG's lens is 437.5 um in front of the focal plane of a 4x, and its spheres have points that shine; a
+/// corrected objective has neither.
+#[test]
+fn a_corrected_objective_sees_beyond_the_lens_of_microsig_and_the_smallest_spheres() {
+    let settings = Settings {
+        magnification: 4.0,
+        numerical_aperture: 0.1,
+        pixel_size: 6.5,
+        points_per_pixel: 10.0,
+        ..Settings::setting1()
+    };
+    let optics = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };
+    let corrected = WavesRenderer::new(&settings, &optics, 0.01).unwrap();
+    let total = |z_um: f64, d_um: f64| {
+        let particle = Particle::sphere(100.0, 100.0, z_um, d_um);
+        corrected.check(&particle).unwrap();
+        corrected.patch(&particle).unwrap().counts.iter().sum::<f64>()
+    };
+    // The light does not depend on depth, up to faint tails.
+    let light = [-600.0, 600.0].map(|z_um| total(z_um, 2.0));
+    assert!((light[0] / light[1] - 1.0).abs() < 0.03, "{light:?}");
+    // It is proportional to the surface below one point as above.
+    assert_eq!(sphere_points(&settings, 0.1), 0);
+    let (small, large) = (total(0.0, 0.1), total(0.0, 1.0));
+    let points = f64::from(sphere_points(&settings, 1.0) as u32);
+    assert!((large / small / 100.0 - 1.0).abs() < 0.5 / points + 0.02, "{small} {large}");
+    // A defocused image reaches the sensor from beside it: its radius is 37 px.
+    let beside = |x_px: f64| corrected.reaches_sensor(&Particle::sphere(x_px, 100.0, 600.0, 0.1));
+    assert!(beside(-35.0) && !beside(-50.0));
+    let rays = WavesRenderer::new(&settings, &WaveOptics::new(0.52), 0.01).unwrap();
+    let message = rays.check(&Particle::sphere(100.0, 100.0, -600.0, 2.0)).unwrap_err().to_string();
+    assert!(message.contains("reaches the lens, which is at z = -437.5 um"), "{message}");
 }

@@ -55,7 +55,8 @@ pub fn crps(error: f64, claimed: f64) -> f64 {
     }
     let z = error / claimed;
     let bell = FRAC_2_PI.sqrt() * (-0.5 * z * z).exp();
-    claimed * (z * libm::erf(z / SQRT_2) + bell - 1.0 / PI.sqrt())
+    // Not claimed z, which is infinite for tiny claims.
+    error * libm::erf(z / SQRT_2) + claimed * (bell - 1.0 / PI.sqrt())
 }
 
 impl Crps {
@@ -120,6 +121,7 @@ mod tests {
         assert!((crps(error, claimed) - exact).abs() < 1e-8);
         assert_eq!([crps(-0.7, 0.0), crps(0.7, f64::NAN), crps(0.7, f64::INFINITY)], [0.7; 3]);
         assert!((crps(0.7, 1e-9) - 0.7).abs() < 1e-8);
+        assert_eq!([crps(0.7, 5e-324), crps(-0.7, 5e-324), crps(0.0, 5e-324)], [0.7, 0.7, 0.0]);
     }
 
     #[test]

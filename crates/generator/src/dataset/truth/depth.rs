@@ -43,10 +43,10 @@ pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>,
         let light = stack.depths_um.iter().map(|z_um| scenario.illumination.at(DVec3::Z * *z_um));
         field::normalized(&field::weights(stack, nodes.weighting), light)
     });
-    let peaks = scenario.peak_counts(response.slope, d_um, stack);
-    let depths = stack.depths_um.iter().zip(&stack.images).zip(peaks).enumerate();
+    let depths = stack.depths_um.iter().zip(&stack.images).enumerate();
     let rows: Vec<DepthRow> = depths
-        .map(|(k, ((z_um, spot), peak))| {
+        .map(|(k, (z_um, spot))| {
+            let peak = scenario.peak_counts(response.slope, d_um, *z_um, spot);
             let weight = weights.as_ref().map_or(f64::NAN, |weights| weights[k]);
             // Without noise the ratio is infinite, which is written as an empty cell.
             let snr = peak / noise;

@@ -138,6 +138,18 @@ impl RayRenderer {
         self.trace(particle, self.window(particle), scratch)
     }
 
+    /// Whether a particle is in front of the lens.
+    pub(super) fn check_depth(&self, particle: &Particle) -> Result<(), Error> {
+        if self.system.objective.object_distance(particle.z_um) > greatest_radius(particle) {
+            return Ok(());
+        }
+        Err(Error::Unsupported(format!(
+            "z = {} um reaches the lens, which is at z = {} um",
+            shown(particle.z_um),
+            -libm::rint(1e6 * self.system.objective.object_distance_0) / 1e6
+        )))
+    }
+
     /// The part of the sensor on which the light of a particle is expected.
     fn window(&self, particle: &Particle) -> Window {
         Window::around(
@@ -265,14 +277,7 @@ impl Render for RayRenderer {
                 emission::MAX_POINTS
             )));
         }
-        let nearest = self.system.objective.object_distance(particle.z_um) - greatest_radius(particle);
-        if nearest <= 0.0 {
-            return Err(Error::Unsupported(format!(
-                "z = {} um reaches the lens, which is at z = {} um",
-                shown(particle.z_um),
-                -libm::rint(1e6 * self.system.objective.object_distance_0) / 1e6
-            )));
-        }
+        self.check_depth(particle)?;
         Ok((n < 20).then(|| format!("d_p = {d} um has only {n} source points: its image is coarse")))
     }
 

@@ -51,6 +51,8 @@ pub(super) struct Draft<'a> {
     pub(super) farthest_px: [f64; 2],
     /// Images that depend on the place in the field; `model` is that of its center.
     pub(super) field: Option<&'a Waves>,
+    /// Whether images over the field are displaced against coma ([`super::tilt`]).
+    pub(super) tilted: bool,
 }
 
 /// The place where the error of the finished table is measured.
@@ -124,7 +126,9 @@ impl Draft<'_> {
     fn corners(&self) -> Vec<Model> {
         let Some(waves) = self.field else { return Vec::new() };
         let [right, below] = waves.size_px();
-        [[1.0, 1.0], [right, 1.0], [1.0, below], [right, below]].map(|at| waves.model_at(at, true)).into()
+        [[1.0, 1.0], [right, 1.0], [1.0, below], [right, below]]
+            .map(|at| waves.model_at(at, self.tilted))
+            .into()
     }
 
     fn small(&self) -> f64 {
@@ -251,7 +255,7 @@ impl Draft<'_> {
     ) -> (FieldNodes, RefinedPlanes, f64) {
         let Some(waves) = self.field else { return (FieldNodes::one(), refined, 0.0) };
         let planes_at = |at_px: [f64; 2], images: &[(f64, f64)]| -> Vec<Vec<f64>> {
-            let model = Model { share: self.model.share, ..waves.model_at(at_px, true) };
+            let model = Model { share: self.model.share, ..waves.model_at(at_px, self.tilted) };
             let scale = waves.depth_scale(at_px);
             let Scope { from_um, to_um, .. } = frame.scope;
             let frame = model.frame(Scope { from_um: from_um / scale, to_um: to_um / scale, ..frame.scope });
@@ -360,7 +364,7 @@ impl Draft<'_> {
             radii,
             field,
             reach_px: reaches[AROUND - 1..][..steps + 3].to_vec(),
-            layout: Layout { nodes: layout.clone(), edge_px },
+            layout: Layout { nodes: layout.clone(), edge_px, tilted: self.tilted },
             coefficients,
             error: 0.0,
         }
@@ -401,7 +405,7 @@ impl Draft<'_> {
     fn error(&self, table: &Table) -> f64 {
         let ((z_um, radius_um), edge_px) = (table.between_nodes(), table.layout.edge_px);
         let at_px = table.field.in_px(OF_ERROR);
-        let local = self.field.map(|waves| waves.model_at(at_px, true));
+        let local = self.field.map(|waves| waves.model_at(at_px, self.tilted));
         let table_um = z_um;
         let z_um = z_um / self.field.map_or(1.0, |waves| waves.depth_scale(at_px));
         let finer = local

@@ -45,7 +45,7 @@ use super::tabled::{self, ImageModel, Source, TabledRenderer};
 use super::tables::TableRanges;
 use crate::emission::{SpheroidLaw, emitted_rays};
 use crate::error::Error;
-use crate::optics::{FieldOptics, LocalOptics};
+use crate::optics::{FieldComa, FieldOptics, LocalOptics};
 use crate::particle::Particle;
 use crate::settings::Settings;
 use build::Draft;
@@ -198,12 +198,17 @@ impl Waves {
         self.model.pupil.own_spread(z_um) / self.optics.wavelength_um
     }
 
-    fn draft(&self, span: TableSpan) -> Draft<'_> {
+    fn has_coma(&self) -> bool {
+        self.optics.field.coma != FieldComa::default()
+    }
+
+    fn draft(&self, span: TableSpan, tilted: bool) -> Draft<'_> {
         Draft {
             model: &self.model,
             span,
             farthest_px: self.farthest_px,
             field: self.optics.field.has_aberrations().then_some(self),
+            tilted,
         }
     }
 
@@ -224,13 +229,17 @@ impl Waves {
         0.5 * (xx + yy)
     }
 
-    /// Where the image of a sphere is found in tables over the field. Polynomials over the field need fewer
-    /// places if images neither move nor grow from place to place; coma moves them, vignetting makes them
-    /// smaller.
+    /// Depth at which the image of a sphere is found in tables over the field. Polynomials over the field need
+    /// fewer places if images do not grow from place to place; vignetting makes them smaller.
     fn in_table(&self, at: Particle) -> Particle {
-        if !self.optics.field.has_aberrations() {
-            return at;
+        match self.optics.field.has_aberrations() {
+            true => Particle { z_um: at.z_um * self.depth_scale([at.x_px, at.y_px]), ..at },
+            false => at,
         }
+    }
+
+    /// Where it is found in tables that move images of defocused spheres back, whose rims coma moves.
+    fn tilted(&self, at: &Particle) -> Particle {
         let local = self.optics.field.at(FieldOptics::place(&self.settings, at.x_px, at.y_px));
         let pupil = &self.model.pupil;
         let per_wave = 2.0 * self.optics.wavelength_um / (pupil.radius() * self.settings.pixel_size);
@@ -238,12 +247,13 @@ impl Waves {
         let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
         let [_, bx] = pupil.across();
         let (u, v) = (bx * (x * cosine + y * sine), pupil.b() * (y * cosine - x * sine));
-        Particle {
-            x_px: at.x_px - (u * cosine - v * sine),
-            y_px: at.y_px - (u * sine + v * cosine),
-            z_um: at.z_um * self.depth_scale([at.x_px, at.y_px]),
-            ..at
-        }
+        Particle { x_px: at.x_px - (u * cosine - v * sine), y_px: at.y_px - (u * sine + v * cosine), ..*at }
+    }
+
+    /// Half width and half height of the geometric image of a particle, px.
+    fn rim_px(&self, particle: &Particle) -> (f64, f64) {
+        let longest = particle.spheroid.map_or(1.0, |spheroid| spheroid.e_p.max(1.0));
+        self.model.rim_px(particle.z_um, 0.5 * particle.d_um * longest).into()
     }
 
     /// Width and height of the field of view, px.
@@ -376,8 +386,10 @@ impl ImageModel for Waves {
                 particle.z_um, -layers.focus_depth_um
             )));
         }
-        // What it warns of, few source points, does not matter here.
-        self.rays.check(particle)?;
+        // A corrected lens is nowhere near.
+        if self.optics.lens == Lens::Microsig {
+            self.rays.check_depth(particle)?;
+        }
         Ok(slow)
     }
 
@@ -390,7 +402,20 @@ impl ImageModel for Waves {
         // image.
         match tabled::check(self, particle) {
             Ok(_) => self.drawn_extent_px(particle).into(),
-            Err(_) => self.rays.image_extent(particle),
+            Err(_) if self.optics.lens == Lens::Microsig => self.rays.image_extent(particle),
+            Err(_) => self.rim_px(particle),
+        }
+    }
+
+    fn reaches_sensor(&self, particle: &Particle) -> bool {
+        let by_lens = || self.rays.check_depth(particle).is_ok() && self.rays.reaches_sensor(particle);
+        let window = || tabled::window(&self.settings, particle, self.rim_px(particle));
+        match self.optics.lens {
+            Lens::Microsig => self.rays.reaches_sensor(particle),
+            // MicroSIG's lens makes smaller images of particles far behind the focal plane.
+            Lens::Aplanatic => {
+                self.settings.is_on_sensor(particle.x_px, particle.y_px) || by_lens() || window().area() > 0
+            }
         }
     }
 
@@ -461,8 +486,18 @@ impl ImageModel for Waves {
         (0..2).any(|axis| layout.edge_px[axis] >= libm::ceil(self.farthest_px[axis]) as usize)
     }
 
+    fn placed(&self, at: &Particle, layout: &Layout) -> Particle {
+        if layout.tilted { self.tilted(at) } else { *at }
+    }
+
+    /// With images displaced against coma, unless they deviate less without: in focus, coma hardly moves them.
     fn build(&self, span: TableSpan) -> Table {
-        self.draft(span).table()
+        let table = self.draft(span, self.has_coma()).table();
+        if !self.has_coma() || table.error <= self.model.tolerance {
+            return table;
+        }
+        let still = self.draft(span, false).table();
+        if still.error < table.error { still } else { table }
     }
 }
 

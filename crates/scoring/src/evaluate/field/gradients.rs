@@ -25,7 +25,7 @@ pub struct Gradients {
     /// RMS of the true divergence.
     #[schemars(range(min = 0.0))]
     pub true_divergence_rms: Option<f64>,
-    /// RMS error of the norm of the strain tensor, sqrt(e11^2 + e22^2 + 2 e12^2).
+    /// RMS of the norm of the error of the strain tensor, sqrt(e11^2 + e22^2 + 2 e12^2).
     #[schemars(range(min = 0.0))]
     pub strain_rms: Option<f64>,
     /// RMS of the norm of the true strain tensor.
