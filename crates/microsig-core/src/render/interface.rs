@@ -147,6 +147,6 @@ pub trait Tables {
     /// How far the images drawn so far miss the requested accuracy; `None` if they meet it.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] if they err by more than [`super::tabled::LARGEST_SHORTFALL`] tolerances.
+    /// [`Error::Unsupported`] if they err by more than ten tolerances.
     fn shortfall(&self) -> Result<Option<String>, Error>;
 }

@@ -35,7 +35,7 @@ use crate::stream::{Purpose, Streams};
 pub const TOLERANCES: RangeInclusive<f64> = 1e-4..=0.1;
 
 /// Images whose error exceeds this number of tolerances are refused.
-pub const LARGEST_SHORTFALL: f64 = 10.0;
+pub(super) const LARGEST_SHORTFALL: f64 = 10.0;
 
 /// Number of sources after which those gathered are drawn, which bounds the tables and images in memory at
 /// the same time.

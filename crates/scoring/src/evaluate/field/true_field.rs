@@ -215,7 +215,7 @@ pub struct TrueFields {
     pub note: Option<String>,
     /// The flow, if it is known: displacements are then computed at each position instead of interpolated
     /// between the nodes.
-    flow: Option<Arc<dyn TrueFlow>>,
+    pub(super) flow: Option<Arc<dyn TrueFlow>>,
     /// Why displacements are interpolated although there is a flow.
     pub warning: Option<String>,
 }
