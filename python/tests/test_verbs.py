@@ -29,7 +29,7 @@ def test_verify_tells_what_the_command_tells(dataset, tmp_path):
     (copy / "truth/tracks.csv").write_text("damaged")
     with pytest.raises(ValueError, match="tracks.csv"):
         ms.verify(copy)
-    with pytest.raises(ValueError, match="data--regenerate: no such folder"):
+    with pytest.raises(ValueError, match="data--regenerate: no such file or folder"):
         ms.verify(tmp_path / "data--regenerate")
 
 

@@ -350,7 +350,7 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     // The same is told before an upload.
     let mine = results.join("perfect");
     let check = |folder: &Path| run(&["check-submission", datasets, path(folder), "--suite", suite]);
-    assert!(check(&mine).contains("1 results can be scored, 1 of 2 cases are missing"));
+    assert!(check(&mine).contains("1 of 2 cases can be scored, 1 missing"));
     let message = fail(2, &["check-submission", datasets, path(&results.join("broken")), "--suite", suite]);
     assert!(message.contains("results.csv:2: "), "{message}");
 

@@ -114,7 +114,7 @@ impl FitOptions {
         // The same hint as for scenarios (`scenario::language::read`).
         let um = (pixel_size_um * 1e12).round() / 1e6;
         if !Given::PIXEL_SIZES_UM.allows(pixel_size_um) && Given::PIXEL_SIZES_UM.allows(um) {
-            wrong.push(advice!(format!("a pixel of {pixel_size_um:e} m has {um} um")));
+            wrong.push(advice!(format!("a pixel size of {pixel_size_um:e} m is {um} um")));
         }
         if layers.is_some() && depth_factor != 1.0 {
             let what = ": expected 1, because depths are those in the fluid";

@@ -104,7 +104,10 @@ pub fn load_text(
             Err(problem) => problems.push(problem),
         }
     }
-    let Some(mut spec) = typed::<Spec>(scenario(), &tree, &mut problems) else {
+    let spec = typed::<Spec>(scenario(), &tree, &mut problems);
+    // Without a value that was to be assigned, other values may only seem to be wrong.
+    let is_assigned = |problem: &Problem| problem.place.as_ref().is_some_and(|place| !place.source.is_file);
+    let Some(mut spec) = spec.filter(|_| !problems.0.iter().any(is_assigned)) else {
         return Err(Error::Problems(problems.sorted()));
     };
     spec.seed = seed.unwrap_or(spec.seed);
@@ -401,7 +404,16 @@ mod tests {
                 "boundaries.bodies.0 = 1: expected one of sphere",
             ),
             ("timing:", "license: \"MIT\", timing:", "license = \"MIT\": expected one of CC-BY-4.0, "),
-            ("timing:", "particles: (number: 5), timing:", "particles.number = 5: expected one of count"),
+            (
+                "timing:",
+                "particles: (number: 5), timing:",
+                "particles.number = 5: expected one of count, ppp, per_um3, n_s, file; write `count(46)`, for example",
+            ),
+            (
+                "timing:",
+                "render: (mode: waves, wavelength_um: 520), timing:",
+                "render.wavelength_um = 520: expected a number, 0.1 to 2 um; 520 nm is 0.52 um",
+            ),
             (
                 "timing:",
                 "particles: (c_int: uniform(min: 1)), timing:",
@@ -460,9 +472,11 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
             "s.ron:3:18: optics.gain = high: expected a number",
             "s.ron:3:32: optics.n_rays = 0",
             "s.ron:5:33: timing.pairs.count = two: expected a whole number",
-            "seed=x: expected a whole number",
         ];
-        assert_begin(&problems(text, &["seed=x"]), &expected);
+        assert_begin(&problems(text, &[]), &expected);
+        // Without the rules that look at several values.
+        let set = [&["seed=x: expected a whole number"], &expected[1..]].concat();
+        assert_begin(&problems(text, &["seed=x"]), &set);
     }
 
     #[test]
@@ -545,6 +559,19 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
         assert_eq!(changed.particles.number, Some(Number::Count(6)));
         let both = set(&changed, "optics.gain", "2").unwrap();
         assert_eq!((both.optics.gain, both.particles.number), (Some(2.0), Some(Number::Count(6))));
+    }
+
+    #[test]
+    fn a_wrong_assignment_comes_first_and_without_what_may_follow_from_it() {
+        let set = ["optics.gain=red".parse().unwrap()];
+        let said = |text: &str| {
+            let loaded = load_text(text, ("s.ron", Path::new(".")), &set, None, &Context::default());
+            loaded.unwrap_err().to_string()
+        };
+        let wrong = "optics.gain=red: expected a number, 0 to 1e6";
+        assert_eq!(said(&GOOD.replace("timing:", "boundaries: (z_um: (5, -5)), timing:")), wrong);
+        let both = said(&GOOD.replace("timing:", "colour: 1, timing:"));
+        assert!(both.starts_with(&format!("{wrong}\ns.ron:")) && both.contains("`colour`"), "{both}");
     }
 
     #[test]

@@ -77,7 +77,7 @@ impl ScenarioText {
             let near = nearest(&name, shipped().iter().map(|known| known.name));
             let hint = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
             return Err(Error::input(format!(
-                "{name}: no such file or shipped scenario; {hint}`microsig new --list` lists them"
+                "{name}: no such file, folder or shipped scenario; {hint}`microsig new --list` lists them"
             )));
         };
         let text = found.text.to_owned();
@@ -111,7 +111,7 @@ mod tests {
         let said = |name: &str| ScenarioText::open(Path::new(name)).unwrap_err().to_string();
         assert!(
             said("quikstart")
-                .contains("quikstart: no such file or shipped scenario; did you mean `quickstart`?")
+                .contains("quikstart: no such file, folder or shipped scenario; did you mean `quickstart`?")
         );
         assert!(said("odpc1").contains("is a suite"));
         assert!(said("./quickstart").starts_with("./quickstart: "), "a path is not a name");

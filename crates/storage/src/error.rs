@@ -43,7 +43,7 @@ pub enum Error {
     #[error("interrupted")]
     Interrupted,
     /// An input cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {}", path.display(), reason(source))]
     Read {
         /// The file or folder.
         path: PathBuf,
@@ -71,6 +71,15 @@ fn keys_of(error: &flows::Error) -> &'static str {
     match error {
         flows::Error::Trajectory { .. } => "; see the speeds in motion.flow.field, and the times in timing",
         _ => "",
+    }
+}
+
+/// Why an input cannot be read.
+fn reason(source: &std::io::Error) -> String {
+    // Without the number of the system's error.
+    match source.kind() {
+        std::io::ErrorKind::NotFound => "no such file or folder".to_owned(),
+        _ => source.to_string(),
     }
 }
 

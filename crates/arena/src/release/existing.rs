@@ -95,6 +95,9 @@ impl PublicManifest {
     pub(super) fn read(release: &Path) -> Result<Self> {
         let path = release.join("public").join(MANIFEST);
         let no = |what: &str| Error::input(format!("{}: {what}", path.display()));
+        if !release.exists() {
+            return Err(Error::input(format!("{}: no such file or folder", release.display())));
+        }
         if !path.is_file() {
             let what = "not a challenge made by `microsig release`: it has no public";
             return Err(Error::input(format!("{}: {what}/{MANIFEST}", release.display())));

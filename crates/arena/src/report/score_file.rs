@@ -23,7 +23,12 @@ const LARGEST_UNITS: u64 = 1 << 30;
 /// # Errors
 /// A file that is not a score, with every problem in it.
 pub(super) fn read(path: &InputFile) -> Result<Score> {
-    let file = if path.is_dir() { path.join(SCORE).into() } else { path.clone() };
+    let file: InputFile = if path.is_dir() { path.join(SCORE).into() } else { path.clone() };
+    if path.is_dir() && !file.exists() {
+        let what =
+            format!("has no {SCORE}; expected the folder of `microsig evaluate --out`, or its {SCORE}");
+        return Err(Error::input(format!("{}: {what}", path.display())));
+    }
     let text = input::text_of(&file, file.open()?, LARGEST)?;
     parse(&text).map_err(|problems| {
         Error::Input(problems.into_iter().map(|problem| format!("{}: {problem}", file.display())).collect())

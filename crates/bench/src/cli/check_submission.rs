@@ -76,7 +76,7 @@ impl CheckSubmission {
             return Err(Error::Input(problems));
         }
         let found = known.len() - missing;
-        lines.push(format!("{found} results can be scored, {missing} of {} cases are missing", known.len()));
+        lines.push(format!("{found} of {} cases can be scored, {missing} missing", known.len()));
         summarize(&lines.join("\n"), &json!({ "found": found, "missing": missing }), common)
     }
 }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::Common;
 use super::argument::{folder, input};
 use super::choice::choice;
-use super::options::{ImageTables, Random, Replace};
+use super::options::{Drawing, ImageTables, Replace};
 use super::output::{report as print, summarize, warn};
 use arena::release::{self, SubmissionFiles, Validated};
 use arena::report;
@@ -39,16 +39,16 @@ pub(super) struct Evaluate {
     /// Shape of the gate [default: ellipsoid with depth, radial without]
     #[arg(long, value_parser = choice::<Shape>())]
     gate: Option<Shape>,
-    /// Width of the gate in the image plane [default: 2]
+    /// Radius of the gate in the image plane, of `--gate box` half its width [default: 2]
     #[arg(long, value_name = "PX")]
     gate_xy: Option<f64>,
-    /// Extent of the gate along z [default: a tenth of the depth range]
+    /// Half height of the gate along z [default: a tenth of the depth range]
     #[arg(long, value_name = "UM")]
     gate_z: Option<f64>,
     /// Score in 2 or 3 dimensions [default: 3 if truth and result have a depth]
     #[arg(long, value_name = "N")]
     dims: Option<u8>,
-    /// Gate of the ISBI scores [default: 5]
+    /// Radius of the gate of the ISBI scores [default: 5]
     #[arg(long, value_name = "PX")]
     isbi_gate: Option<f64>,
     /// Exclude particles within this distance of the image edge from scoring
@@ -102,7 +102,7 @@ pub(super) struct Evaluate {
     #[arg(long)]
     validate_only: bool,
     #[command(flatten)]
-    random: Random,
+    drawing: Drawing,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -144,7 +144,7 @@ impl Evaluate {
             plane_um: self.plane,
             auto_offset: self.auto_offset,
             crlb: self.crlb,
-            seed: self.random.seed.unwrap_or(0),
+            seed: self.drawing.seed,
             context: common.context.clone(),
         };
         options.check()?;

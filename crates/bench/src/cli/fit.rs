@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use super::Common;
 use super::argument::{folder, input};
 use super::choice::choice;
-use super::options::{Random, Replace};
+use super::options::{Drawing, Replace};
 use super::output::{progress, summarize, warn};
 use crate::fitting::{FitFolder, FittedScan, read_places};
 use fit::{Astigmatic, ExtraParameter, FitOptions, Given, Scan, StagePositions, WaveModel};
@@ -102,7 +102,7 @@ pub(super) struct Fit {
     #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: PathBuf,
     #[command(flatten)]
-    random: Random,
+    drawing: Drawing,
     #[command(flatten)]
     replace: Replace,
 }
@@ -145,7 +145,7 @@ enum Flux {
 
 impl Fit {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let options = self.options(self.random.seed.unwrap_or(0))?;
+        let options = self.options(self.drawing.seed)?;
         let positions = match (&self.z, self.z_step) {
             (Some(file), _) => StagePositions::Table(file.clone()),
             (None, Some(step)) => StagePositions::Step(step),

@@ -30,12 +30,20 @@ impl ScenarioOptions {
     }
 }
 
-/// The seed of verbs that draw random numbers.
+/// The seed of verbs that generate a scenario or sweep.
 #[derive(Debug, Args)]
 pub(super) struct Random {
     /// Seed of all random numbers [default: that of the scenario or sweep, otherwise 0]
     #[arg(long, value_name = "N", value_parser = argument::seed)]
     pub(super) seed: Option<u64>,
+}
+
+/// The seed of verbs that draw random numbers for something else.
+#[derive(Debug, Args)]
+pub(super) struct Drawing {
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", value_parser = argument::seed, default_value_t = 0)]
+    pub(super) seed: u64,
 }
 
 /// What verbs do that write files.

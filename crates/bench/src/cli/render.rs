@@ -12,7 +12,7 @@ use microsig_core::sensor::{ImageFormat, NoiseRounding};
 use super::Common;
 use super::argument::{folder, input};
 use super::choice::choice;
-use super::options::{ImageTables, Random, Replace};
+use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use generator::runner::{RenderOptions, render};
 use scenario::spec::RenderMode;
@@ -64,7 +64,7 @@ pub(super) struct Render {
     #[arg(long)]
     round_once: bool,
     #[command(flatten)]
-    random: Random,
+    drawing: Drawing,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -77,7 +77,7 @@ impl Render {
             settings: self.settings.clone(),
             data: self.data.clone(),
             out: self.out.clone(),
-            seed: self.random.seed.unwrap_or(0),
+            seed: self.drawing.seed,
             first_frame: self.first_frame,
             renderer: self.renderer()?,
             rounding: if self.round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum },

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::Common;
 use super::argument::{folder, input};
-use super::options::{ImageTables, Random, Replace};
+use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, report, summarize, warn};
 use super::shard::ShardOption;
 use arena::release::{Deadline, Publication, ReleaseOptions, release};
@@ -150,7 +150,7 @@ struct Score {
     #[arg(long, value_name = "DIR", value_parser = folder())]
     site: Option<PathBuf>,
     #[command(flatten)]
-    random: Random,
+    drawing: Drawing,
     #[command(flatten)]
     replace: Replace,
 }
@@ -414,7 +414,7 @@ impl Score {
             site: self.site.clone(),
             force: self.replace.force,
             selection,
-            seed: self.random.seed.unwrap_or(0),
+            seed: self.drawing.seed,
         };
         let scores = score(&suite, &self.datasets, &options)?;
         warn(&scores.warning, common);

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::argument::output;
-use super::options::{ImageTables, Random, Replace};
+use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, warn, written};
 use storage::OutputFile;
 use storage::advice;
@@ -50,7 +50,7 @@ pub(super) struct Track {
     #[arg(long, value_name = "UM", default_value_t = TrackOptions::NOISE_UM)]
     noise_z: f64,
     #[command(flatten)]
-    random: Random,
+    drawing: Drawing,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -95,7 +95,7 @@ impl Track {
                         ParticleShape::Spheroid { aspect: self.aspect_ratio.unwrap_or(AspectRatio::Common) }
                     }
                 },
-                seed: self.random.seed.unwrap_or(0),
+                seed: self.drawing.seed,
                 force: self.replace.force,
                 progress: progress(common),
                 context: common.context.clone(),

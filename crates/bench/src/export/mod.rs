@@ -117,7 +117,8 @@ pub fn export(dataset: &DatasetPlace, options: &ExportOptions) -> Result<Exporte
     if let DatasetPlace::Folder(folder) = dataset
         && !folder.is_dir()
     {
-        return Err(Error::input(format!("{}: expected the folder of a dataset", folder.display())));
+        let what = if folder.exists() { "a file" } else { "no such file or folder" };
+        return Err(Error::input(format!("{}: {what}; expected the folder of a dataset", folder.display())));
     }
     if let ExportFormat::OmeTiff | ExportFormat::ImagejStack = options.format {
         let rows = stack::write(dataset, options)?;

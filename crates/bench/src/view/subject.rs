@@ -84,7 +84,7 @@ impl Subject {
             return Ok(Subject { shipped: Some(named.name.to_owned()), ..Subject::default() });
         } else if !path.extension().is_some_and(|end| end == "ron" || end == "json") {
             let expected = "expected a scenario, a dataset or a sweep's folder";
-            return Err(Error::input(format!("{}: not found; {expected}", path.display())));
+            return Err(Error::input(format!("{}: no such file or folder; {expected}", path.display())));
         }
         Ok(Subject { scenario: Some(path.to_owned()), ..Subject::default() })
     }
@@ -222,6 +222,6 @@ mod tests {
         assert!(text.contains("name: \"coffee_ring\""));
         assert_eq!(Subject::default().text().unwrap().0, "scenario.ron");
         let said = Subject::of(Some(Path::new("cofee_ring")), &[]).unwrap_err().to_string();
-        assert!(said.contains("cofee_ring: not found; expected a scenario"), "{said}");
+        assert!(said.contains("cofee_ring: no such file or folder; expected a scenario"), "{said}");
     }
 }

@@ -41,7 +41,8 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress, context: &Co
     }
     let path = dataset.join(SHA256SUMS);
     if !path.is_file() {
-        let what = if dataset.is_dir() { "not a dataset: it has no SHA256SUMS" } else { "no such folder" };
+        let what =
+            if dataset.is_dir() { "not a dataset: it has no SHA256SUMS" } else { "no such file or folder" };
         return Err(Error::input(format!("{}: {what}", dataset.display())));
     }
     let text = read_text(&path)?;

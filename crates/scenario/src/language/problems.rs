@@ -24,9 +24,9 @@ impl Problems {
         if self.0.is_empty() { Ok(()) } else { Err(Error::Problems(self.sorted())) }
     }
 
-    /// The problems in the order of the file; those of assignments last.
+    /// The problems of assignments, which may be the cause of others, then those of the file in its order.
     pub(crate) fn sorted(mut self) -> Vec<Problem> {
-        let order = |p: &Problem| p.place.as_ref().map_or((true, 0), |p| (!p.source.is_file, p.span.start));
+        let order = |p: &Problem| p.place.as_ref().map_or((true, 0), |p| (p.source.is_file, p.span.start));
         self.0.sort_by_key(order);
         self.0.dedup();
         self.0

@@ -4,6 +4,7 @@ use serde_json::{Map, Number, Value};
 
 use super::problems::Problems;
 use super::schema::{Entry, Schema, ValueKind, joined, nearest};
+use super::template::written;
 use super::text::{Content, Field, Node};
 use storage::problem::Problem;
 
@@ -138,13 +139,20 @@ impl Walk<'_, '_> {
 
     fn choice(&mut self, node: &Node, schema: Schema<'_>, path: &str) -> Option<Value> {
         let variants = schema.below();
+        let example = || {
+            let mut examples = variants.iter().filter(|variant| variant.schema.is_some()).map(written);
+            examples
+                .find(|example| !example.contains('\n'))
+                .map(|example| format!("write `{example}`, for example"))
+        };
         let (name, content) = match &node.content {
             Content::Word(name) | Content::Text(name) => (name, None),
             Content::Variant(name, content) => (name, Some(content.as_ref())),
             // The form of a variant in JSON.
             Content::Fields(fields) if fields.len() == 1 => (&fields[0].key, Some(&fields[0].value)),
             _ => {
-                self.refuse(node, path, node.written(), &schema.allowed());
+                let problem = Problem::value(path, node.written(), &schema.allowed()).at(&node.place);
+                self.problems.push(problem.hinted(example()));
                 return None;
             }
         };
@@ -153,10 +161,10 @@ impl Walk<'_, '_> {
                 nearest(name, variants.iter().map(|v| v.name)).map(|near| format!("did you mean `{near}`?"));
             let is_word = name.starts_with(|c: char| c.is_alphabetic());
             let problem = match is_word {
-                true => Problem::unknown_variant(path, name, schema.allowed()),
-                false => Problem::value(path, node.written(), &schema.allowed()),
+                true => Problem::unknown_variant(path, name, schema.allowed()).hinted(hint),
+                false => Problem::value(path, node.written(), &schema.allowed()).hinted(example()),
             };
-            self.problems.push(problem.at(&node.place).hinted(hint));
+            self.problems.push(problem.at(&node.place));
             return None;
         };
         let path = joined(path, variant.name);
@@ -190,19 +198,24 @@ impl Walk<'_, '_> {
             Some(number) if x.is_some_and(|x| schema.allows(x)) => return Some(Value::Number(number)),
             _ => {}
         }
-        let hint = x.filter(|x| !is_whole && !schema.allows(*x)).and_then(|x| unit_hint(x, schema));
+        let hint = x.filter(|x| !is_whole && !schema.allows(*x)).and_then(|x| unit_hint(x, path, schema));
         let problem = Problem::value(path, node.written(), &schema.allowed()).at(&node.place);
         self.problems.push(problem.hinted(hint));
         None
     }
 }
 
-/// A hint for a number that is in range when converted from meters to micrometers.
-fn unit_hint(x: f64, schema: Schema<'_>) -> Option<String> {
-    let micro = x * 1e6;
-    let fits = schema.words("x-unit") == Some("um") && x > 0.0 && schema.allows(micro);
-    // Rounded, as the multiplication by 1e6 is inexact.
-    fits.then(|| format!("{x:e} m is {} um", (micro * 1e6).round() / 1e6))
+/// A hint for a number that is in range when converted from meters, or of a wavelength from nanometers, to
+/// micrometers.
+fn unit_hint(x: f64, path: &str, schema: Schema<'_>) -> Option<String> {
+    let is_light = ["wavelength_um", "bandwidth_um"].iter().any(|key| path.ends_with(key));
+    let fits = |micro: &f64| schema.words("x-unit") == Some("um") && x > 0.0 && schema.allows(*micro);
+    // Rounded, as the multiplication is inexact.
+    let rounded = |micro: f64| (micro * 1e6).round() / 1e6;
+    let meters = Some(x * 1e6).filter(fits).map(|um| format!("{x:e} m is {} um", rounded(um)));
+    meters.or_else(|| {
+        Some(x * 1e-3).filter(fits).filter(|_| is_light).map(|um| format!("{x} nm is {} um", rounded(um)))
+    })
 }
 
 /// The key or variant with a name, or with this former name (`x-formerly`).

@@ -118,12 +118,17 @@ fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize,
         return;
     }
     for variant in variants {
-        let example = variant.schema.and_then(sample).zip(variant.schema);
-        let content = example.map_or_else(String::new, |(value, schema)| ron(&value, schema));
-        let content =
-            if content.is_empty() || content.starts_with('(') { content } else { format!("({content})") };
-        comment(text, &indent, "  ", &format!("{}{content}: {}", variant.name, variant.meaning()));
+        comment(text, &indent, "  ", &format!("{}: {}", written(&variant), variant.meaning()));
     }
+}
+
+/// A variant with an example of its content, such as `ppp(0.0002)`.
+pub(super) fn written(variant: &Entry<'_>) -> String {
+    let example = variant.schema.and_then(sample).zip(variant.schema);
+    let content = example.map_or_else(String::new, |(value, schema)| ron(&value, schema));
+    let content =
+        if content.is_empty() || content.starts_with('(') { content } else { format!("({content})") };
+    format!("{}{content}", variant.name)
 }
 
 /// Writes a text as comment lines with hanging indentation.

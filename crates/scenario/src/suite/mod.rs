@@ -126,9 +126,7 @@ impl Suite {
         let Some(files) = SHIPPED.get_dir(name).filter(|_| known.contains(&name)) else {
             let path = suite.display();
             let known = known.join(", ");
-            return Err(Error::input(format!(
-                "{path}: expected a suite file or folder, or an embedded suite: {known}"
-            )));
+            return Err(Error::input(format!("{path}: no such file, folder or shipped suite ({known})")));
         };
         let place = TemporaryFolder::new()?;
         let folder = place.path().join(name);

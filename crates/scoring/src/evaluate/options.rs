@@ -17,13 +17,13 @@ pub struct EvaluateOptions {
     pub conventions: Conventions,
     /// Shape of the gate.
     pub shape: Option<Shape>,
-    /// Radius of the gate in the image plane, px.
+    /// Radius of the gate in the image plane, px; of a box half its width.
     pub gate_xy_px: Option<f64>,
     /// Half height of the gate, um.
     pub gate_z_um: Option<f64>,
     /// Dimensions: 2 or 3.
     pub dims: Option<u8>,
-    /// Gate of the ISBI scores, px.
+    /// Radius of the gate of the ISBI scores, px.
     pub isbi_gate_px: Option<f64>,
     /// Particles closer to the edge of the sensor than this are not scored, px.
     pub border_px: f64,

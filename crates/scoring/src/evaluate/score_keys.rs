@@ -27,7 +27,7 @@ pub struct ScoreKey {
 }
 
 impl ScoreKey {
-    /// The unit, from the suffix of the key; empty for numbers.
+    /// The unit; empty for numbers without.
     pub fn unit(&self) -> &'static str {
         unit(&self.path)
     }
@@ -77,9 +77,26 @@ fn table(text: &mut String, title: &str, keys: &[&ScoreKey]) {
     }
 }
 
-/// The unit, from the suffix of the key.
+/// The unit: the first of these endings that the key has.
 fn unit(path: &str) -> &'static str {
-    const UNITS: [(&str, &str); 9] = [
+    const UNITS: [(&str, &str); 26] = [
+        ("isbi.rmse", "px"),
+        ("isbi_2d.rmse", "px"),
+        ("interval.rmse", "px"),
+        ("_distance", "px"),
+        ("motp", "px"),
+        ("uncertainty.z.bins[].claimed_rms", "um"),
+        ("uncertainty.z.bins[].error_rms", "um"),
+        ("bins[].claimed_rms", "px"),
+        ("bins[].error_rms", "px"),
+        ("over_height[].from", "um"),
+        ("over_height[].to", "um"),
+        ("over_radius[].from", "px"),
+        ("over_radius[].to", "px"),
+        // Differences of displacements, px, over distances, px.
+        ("vorticity_rms", "px/px"),
+        ("divergence_rms", "px/px"),
+        ("strain_rms", "px/px"),
         ("_um_s2", "um/s^2"),
         ("_um_s", "um/s"),
         ("_per_100px", "px per 100 px"),
@@ -89,6 +106,7 @@ fn unit(path: &str) -> &'static str {
         ("_um", "um"),
         ("_deg", "degree"),
         ("_px[]", "px"),
+        ("_px_now", "px"),
     ];
     UNITS.iter().find(|(end, _)| path.ends_with(end)).map_or("", |(_, unit)| unit)
 }
