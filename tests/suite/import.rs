@@ -292,6 +292,37 @@ fn images_in_focus_are_imported_without_a_scan() {
 }
 
 #[test]
+fn a_dense_scan_has_calibration_images_between_its_particles() {
+    let place = tempfile::tempdir().unwrap();
+    let (side, mut state) = (200u32, 12_345u64);
+    let mut random = || {
+        state = (state * 1_103_515_245 + 12_345) % (1 << 31);
+        state as f64 / f64::from(1u32 << 31)
+    };
+    let beads: Vec<[f64; 2]> = (0..80).map(|_| [4.0 + 192.0 * random(), 4.0 + 192.0 * random()]).collect();
+    let mut plane = |k: u32| -> Vec<u16> {
+        let variance = 1.44 + (f64::from(k) - 7.0).powi(2);
+        let light = |x: f64, y: f64| {
+            let of = |[u, v]: &[f64; 2]| (-0.5 * ((x - u).powi(2) + (y - v).powi(2)) / variance).exp();
+            20_000.0 / variance * beads.iter().map(of).sum::<f64>()
+        };
+        let pixel = |i: u32| 100.0 + light(f64::from(i % side), f64::from(i / side)) + 6.0 * random();
+        (0..side * side).map(pixel).map(|count| count.min(65_535.0) as u16).collect()
+    };
+    let planes: Vec<Vec<u16>> = (0..15).map(&mut plane).collect();
+    let (scan, frame, out) =
+        (place.path().join("s.tif"), place.path().join("f.tif"), place.path().join("out"));
+    write_pages(&scan, (side, side), &planes).unwrap();
+    write_pages(&frame, (side, side), &planes[7..8]).unwrap();
+    let scale = ["--magnification", "60", "--pixel-size", "6.5", "--z-step", "1"];
+    let own = ["import", "--images", path(&frame), "--scan", path(&scan), "--out", path(&out)];
+    let made = json(&[&own[..], &scale].concat());
+    // The images far from focus overlap everywhere; windows as wide as these hold no single particle.
+    assert!(made["warnings"].to_string().contains("as the spacing of the particles allows"), "{made}");
+    assert!(made["places"][0]["particles"].as_u64().unwrap() >= 3, "{made}");
+}
+
+#[test]
 fn images_that_cannot_be_imported_are_refused_by_file_page_and_value() {
     let recording = Recording::new();
     let pixels = (SIDE * SIDE) as usize;

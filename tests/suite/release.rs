@@ -289,7 +289,7 @@ fn the_images_of_a_test_split_are_shown_and_exported() {
     let frames: Vec<Option<u32>> = images.map(|image| image.frame).collect();
     assert_eq!(frames, (0..8).map(Some).collect::<Vec<_>>());
     let reader = std::io::BufReader::new(std::fs::File::open(&out).unwrap());
-    let mut pages = Pages::open(reader, path(&out)).unwrap();
+    let pages = Pages::open(reader, path(&out)).unwrap();
     let description = pages.description().unwrap();
     // Pairs have times of their own.
     assert_eq!(description.matches("DeltaT=").count(), frames.len(), "{description}");

@@ -8,7 +8,7 @@
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, Write};
 
-use ::tiff::decoder::{Decoder, ifd::Value};
+use ::tiff::decoder::Decoder;
 use ::tiff::encoder::{
     Rational, TiffEncoder, TiffKind,
     colortype::{ColorType, Gray8, Gray16, Gray32Float},
@@ -132,38 +132,6 @@ fn px_per_um(um_per_px: f64) -> Rational {
     Rational { n, d }
 }
 
-/// Reads the scale written by [`write()`] or ImageJ; `None` if the image has none, or one in other units.
-/// `name` is the name of the input in errors.
-///
-/// # Errors
-/// [`Error::Malformed`] if the input is not a TIFF image.
-pub fn read_scale(reader: impl BufRead + Seek, name: &str) -> Result<Option<PixelScale>, Error> {
-    let damaged = |e: TiffError| malformed(name, told(&e));
-    let mut decoder = Decoder::new(reader).map_err(damaged)?;
-    let description = match decoder.find_tag(Tag::ImageDescription).map_err(damaged)? {
-        Some(value) => value.into_string().map_err(damaged)?,
-        None => return Ok(None),
-    };
-    let entry = |key: &str| description.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
-    let resolution = decoder.find_tag(Tag::XResolution).map_err(damaged)?;
-    // Older versions of ImageJ write "micron".
-    let (Some("um" | "micron" | "\\u00B5m"), Some(Value::Rational(n, d))) = (entry("unit"), resolution)
-    else {
-        return Ok(None);
-    };
-    if !description.starts_with("ImageJ=") || n == 0 || d == 0 {
-        return Ok(None);
-    }
-    let positive = |text: &str| text.parse().ok().filter(|s: &f64| *s > 0.0 && s.is_finite());
-    let origin = entry("zorigin").and_then(|text| text.parse().ok()).filter(|o: &f64| o.is_finite());
-    let plane = |step_um| StackPlane { z_um: 0.0 - origin.unwrap_or(0.0) * step_um, step_um };
-    Ok(Some(PixelScale {
-        um_per_px: f64::from(d) / f64::from(n),
-        frame_interval_s: entry("finterval").and_then(positive),
-        plane: entry("spacing").and_then(positive).map(plane),
-    }))
-}
-
 fn malformed(name: &str, message: String) -> Error {
     Error::Malformed(vec![Fault::of(name, message)])
 }
@@ -240,6 +208,7 @@ const MAX_PAGES: usize = 10_000;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ::tiff::decoder::ifd::Value;
     use std::io::Cursor;
 
     const SCALE: PixelScale = PixelScale { um_per_px: 0.645, frame_interval_s: Some(0.005), plane: None };
@@ -296,24 +265,26 @@ mod tests {
                 let image = Image { width: 3, height: 2, bits: 16, counts: Counts::Whole(vec![0; 6]) };
                 write(&mut file, &image, &scale, "i.tif").unwrap();
                 file.set_position(0);
-                let read = read_scale(file, "i.tif").unwrap().unwrap();
-                assert_eq!((read.frame_interval_s, read.plane), (frame_interval_s, plane));
+                let mut decoder = Decoder::new(file).unwrap();
+                let Some(Value::Rational(n, d)) = decoder.find_tag(Tag::XResolution).unwrap() else {
+                    unreachable!("{um_per_px}");
+                };
                 // The denominator has at least eight digits, or two for scales that no microscope has.
                 let bar = if um_per_px < 1e-7 { 0.05 } else { 1e-8 };
-                assert!((read.um_per_px / um_per_px - 1.0).abs() < bar, "{um_per_px}: {read:?}");
+                assert!(
+                    (f64::from(d) / f64::from(n) / um_per_px - 1.0).abs() < bar,
+                    "{um_per_px}: {d} / {n}"
+                );
+                let text = decoder.find_tag(Tag::ImageDescription).unwrap().unwrap().into_string().unwrap();
+                let interval = frame_interval_s.map_or_else(String::new, |s| format!("finterval={s}\n"));
+                assert!(text.starts_with(&format!("ImageJ=1.11a\nunit=um\n{interval}")), "{text}");
+                let arranged = Arrangement::read(&text, "i.tif", 1).unwrap().unwrap();
+                let position = arranged.position(0).unwrap().map(|at| at.um);
+                assert_eq!((position, arranged.step_um()), (z_um, Ok(z_um.map(|_| 2.0))));
             }
         }
         let Rational { n, d } = px_per_um(0.645);
         assert_eq!((n, d), (1000, 645));
-    }
-
-    #[test]
-    fn images_without_a_scale_have_none() {
-        let mut file = Cursor::new(Vec::new());
-        TiffEncoder::new(&mut file).unwrap().write_image::<Gray8>(1, 1, &[0]).unwrap();
-        file.set_position(0);
-        assert_eq!(read_scale(file, "i.tif").unwrap(), None);
-        assert!(read_scale(Cursor::new(b"no image"), "i.tif").is_err());
     }
 
     #[test]
