@@ -81,7 +81,7 @@ def optional(check: Callable[..., _T], name: str, value: Any, *limits: Any) -> _
 def floats(name: str, value: Any) -> NDArray[np.float64]:
     """An array of real numbers; complex ones are refused rather than truncated, and so are masked ones."""
     if np.ma.is_masked(value):
-        raise ValueError(f"{name}: {np.ma.count_masked(value)} values are masked; expected numbers")
+        raise ValueError(f"{name}: {np.ma.getmaskarray(value).sum()} values are masked; expected numbers")
     try:
         array = np.asarray(value)
         if array.dtype.kind in "biufO":

@@ -203,7 +203,9 @@ def unmasked(values: Any) -> NDArray[Any]:
         return np.asarray(values)
     if values.dtype.kind in "iuf":
         return np.asarray(values.astype(np.float64).filled(np.nan))
-    return np.where(np.ma.getmaskarray(values), None, np.ma.getdata(values).astype(object))
+    array: NDArray[Any] = np.ma.getdata(values).astype(object)
+    array[np.ma.getmaskarray(values)] = None
+    return array
 
 
 def plain(name: str, values: Any) -> NDArray[Any] | list[str]:

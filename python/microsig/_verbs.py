@@ -138,7 +138,7 @@ def _scan(scan: Any, z: Any) -> tuple[Path | NDArray[Any], Path | list[float] | 
         return Path(scan), positions
     array = np.asarray(scan)
     if np.ma.is_masked(scan):
-        raise ValueError(f"scan: {np.ma.count_masked(scan)} gray values are masked; expected counts")
+        raise ValueError(f"scan: {np.ma.getmaskarray(scan).sum()} gray values are masked; expected counts")
     kind = array.dtype.newbyteorder("=")
     if array.ndim != 3 or kind not in (np.uint8, np.uint16):
         raise ValueError(f"scan of shape {array.shape} and type {array.dtype}: expected uint8 or uint16 (steps, rows, columns)")
