@@ -129,6 +129,8 @@ class How(TypedDict):
     y_up: bool | None
     frame_base: int | None
     um_per_px: float | None
+    dt_s: float | None
+    pair: str | None
     depth_um: tuple[float, float] | None
     plane_um: float | None
     auto_offset: bool

@@ -37,6 +37,7 @@ def dataset() -> ms.Dataset:
         ({"format": 3}, ValueError, "one of "),
         ({"frame_base": 2**40}, ValueError, "a whole number, "),
         ({"um_per_px": True}, TypeError, "a number"),
+        ({"dt_s": 0}, ValueError, "1e-12 to 1e9 s"),
         ({"depth_um": (1, 0)}, ValueError, "two depths in um, the lower one first"),
         ({"depth_um": 3}, TypeError, "two numbers, the lower one first"),
         ({"plane_um": 10**400}, ValueError, "-1e9 to 1e9 um"),

@@ -68,8 +68,12 @@ impl Zones {
             return Err(format!("{:?}: expected DATAPACKING=POINT", super::shown(line)));
         }
         if bare.contains("ZONE") {
-            let title =
-                line.split_once("T=").or_else(|| line.split_once("T =")).map(|(_, title)| title.trim_start());
+            // Entries before it may end with T, too.
+            let zone = &line[line.to_ascii_uppercase().rfind("ZONE").unwrap_or(0)..];
+            let title = zone.match_indices('T').find_map(|(i, _)| {
+                let is_word = !zone[..i].ends_with(char::is_alphanumeric);
+                zone[i + 1..].trim_start().strip_prefix('=').filter(|_| is_word).map(str::trim_start)
+            });
             let title = title.map(|title| match title.strip_prefix('"') {
                 Some(title) => title.split('"').next().unwrap_or_default(),
                 None => title.split([',', ' ']).next().unwrap_or_default(),
