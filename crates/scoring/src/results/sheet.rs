@@ -68,11 +68,10 @@ impl Zones {
             return Err(format!("{:?}: expected DATAPACKING=POINT", super::shown(line)));
         }
         if bare.contains("ZONE") {
-            // Entries before it may end with T, too.
-            let zone = &line[line.to_ascii_uppercase().rfind("ZONE").unwrap_or(0)..];
-            let title = zone.match_indices('T').find_map(|(i, _)| {
-                let is_word = !zone[..i].ends_with(char::is_alphanumeric);
-                zone[i + 1..].trim_start().strip_prefix('=').filter(|_| is_word).map(str::trim_start)
+            // Other entries may end with T, too.
+            let title = line.match_indices('T').find_map(|(i, _)| {
+                let is_word = !line[..i].ends_with(char::is_alphanumeric);
+                line[i + 1..].trim_start().strip_prefix('=').filter(|_| is_word).map(str::trim_start)
             });
             let title = title.map(|title| match title.strip_prefix('"') {
                 Some(title) => title.split('"').next().unwrap_or_default(),
