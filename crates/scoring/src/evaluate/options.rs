@@ -78,7 +78,10 @@ impl EvaluateOptions {
             (option("border_px"), self.border_px > 0.0),
             (flag("auto_offset"), self.auto_offset),
         ];
-        let of_fields = [(option("plane_um"), self.plane_um.is_some())];
+        let of_fields = [
+            (option("plane_um"), self.plane_um.is_some()),
+            (option("pair"), self.conventions.pair.is_some()),
+        ];
         let others = if field { of_particles.to_vec() } else { of_fields.to_vec() };
         others.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
