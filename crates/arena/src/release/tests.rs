@@ -63,7 +63,6 @@ fn a_truth_that_was_not_promised_is_not_published() {
         codabench: false,
         wheel: None,
         deadline: None,
-        after: None,
         about: Publication::default(),
         progress: Progress::Hidden,
         context: Context::default(),
