@@ -247,7 +247,7 @@ fn shot_noise_moves_no_quantity() {
         // Four standard errors of the mean.
         let mean = error / f64::from(RECORDINGS);
         assert!(
-            mean.abs() < 4.0 / f64::from(RECORDINGS).sqrt(),
+            mean.abs() < 4.0 / libm::sqrt(f64::from(RECORDINGS)),
             "{}: {mean}",
             local::QUANTITIES[*quantity].0
         );
