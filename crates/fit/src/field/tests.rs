@@ -296,7 +296,7 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
     assert_eq!((optics.field, optics.blur_um), (Some(fitted.field), Some(0.86)), "{text}");
     assert_eq!(twin.settings.numerical_aperture, 0.441);
     // 200,000 counts of light are that of a particle: photons times counts per electron.
-    let particle = Particle::sphere(0.0, 0.0, 0.0, 2.0);
+    let particle = Particle::sphere(0.0, 0.0, 0.0, options.diameter_um);
     let counts = emitted_rays(&twin.settings, &particle) * twin.settings.gain * 0.09;
     assert!((counts / 2e5 - 1.0).abs() < 1e-3, "{counts}");
 }
