@@ -5,9 +5,9 @@
 //! or height, if that is less), in every image pair, so that windows of up to 64 px reach them all. The
 //! displacement there is interpolated between the valid vectors (flag 0) of the result:
 //!
-//! - on a grid by cubic splines between four valid vectors at most 33 px apart; where some of the four are
-//!   not valid, bilinearly between the others, if these have at least half of the weight; a vector at the edge
-//!   of the grid also covers half a spacing beyond it;
+//! - on a grid, if the surrounding vectors are at most 33 px apart and the valid ones have at least half of
+//!   the weight, bilinearly with the curvature on which the vectors on both sides agree, so that an outlier
+//!   matters only beside it; a vector at the edge of the grid also covers half a spacing beyond it;
 //! - otherwise by the nearest vector within 8 px.
 //!
 //! A result without image pairs counts for all of them.
@@ -18,7 +18,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::compared::INLIER_PX;
-use super::grid_spline::GridSpline;
 use super::true_field::{TrueField, axis, index};
 use crate::evaluate::statistics::{Interval, intervals, ratio};
 use crate::results::FlowVector;
@@ -207,8 +206,8 @@ fn inner(axis: &[f64], size_px: Option<f64>) -> &[f64] {
 
 /// The valid vectors of an image pair, with interpolation.
 enum Interpolated {
-    /// On a grid: x of columns, y of rows, displacements row by row, the spline through them.
-    Grid(Vec<f64>, Vec<f64>, Vec<[f64; 2]>, GridSpline<2>),
+    /// On a grid: x of columns, y of rows, displacements row by row, NaN without a valid vector.
+    Grid(Vec<f64>, Vec<f64>, Vec<[f64; 2]>),
     /// Scattered: position and displacement by squares of 8 px.
     Scattered(BTreeMap<(i64, i64), Vec<[f64; 4]>>),
 }
@@ -226,8 +225,7 @@ impl Interpolated {
                 let (i, j) = (index(&x_px, v.at.x_px), index(&y_px, v.at.y_px));
                 moved[j * x_px.len() + i] = [v.moved[0], v.moved[1]];
             }
-            let spline = GridSpline::new(&x_px, &y_px, &moved);
-            return Interpolated::Grid(x_px, y_px, moved, spline);
+            return Interpolated::Grid(x_px, y_px, moved);
         }
         let mut squares: BTreeMap<(i64, i64), Vec<[f64; 4]>> = BTreeMap::new();
         for v in valid {
@@ -240,11 +238,8 @@ impl Interpolated {
     /// The displacement at a position; `None` where there are too few valid vectors.
     fn at(&self, x_px: f64, y_px: f64) -> Option<[f64; 2]> {
         match self {
-            Interpolated::Grid(columns, rows, moved, spline) => {
+            Interpolated::Grid(columns, rows, moved) => {
                 let ((i, s), (j, t)) = (between(columns, x_px)?, between(rows, y_px)?);
-                if let Some(found) = spline.at(inside(columns, x_px), inside(rows, y_px)) {
-                    return Some(found);
-                }
                 let (mut sum, mut weights) = ([0.0; 2], 0.0);
                 for (row, v) in [(j, 1.0 - t), (j + 1, t)] {
                     for (column, h) in [(i, 1.0 - s), (i + 1, s)] {
@@ -260,7 +255,14 @@ impl Interpolated {
                         sum.iter_mut().zip(d).for_each(|(s, d)| *s += weight * d);
                     }
                 }
-                (weights >= 0.5).then(|| sum.map(|s| s / weights))
+                let curved = |c: usize| {
+                    let at = |column: usize, row: usize| moved[row * columns.len() + column][c];
+                    (1.0 - t) * bulge(columns, i, s, |k| at(k, j))
+                        + t * bulge(columns, i, s, |k| at(k, j + 1))
+                        + (1.0 - s) * bulge(rows, j, t, |k| at(i, k))
+                        + s * bulge(rows, j, t, |k| at(i + 1, k))
+                };
+                (weights >= 0.5).then(|| [0, 1].map(|c| sum[c] / weights + curved(c)))
             }
             Interpolated::Scattered(squares) => {
                 let around = |k: i64| k - 1..=k + 1;
@@ -275,9 +277,23 @@ impl Interpolated {
     }
 }
 
-/// The position on an axis that is nearest to `at`.
-fn inside(axis: &[f64], at: f64) -> f64 {
-    at.clamp(axis[0], axis[axis.len() - 1])
+/// Difference from the straight line at the fraction `s` of the way from node `i` to the next one: a parabola
+/// with the mean of the second derivatives at both nodes, at most twice the smaller one (van Leer, J. Comput.
+/// Phys. 23 (1977) 276); 0 if they have different signs or one is unknown.
+fn bulge(axis: &[f64], i: usize, s: f64, value: impl Fn(usize) -> f64) -> f64 {
+    let slope = |k: usize| (value(k + 1) - value(k)) / (axis[k + 1] - axis[k]);
+    let curvature = |k: usize| match k > 0 && k + 1 < axis.len() {
+        true => 2.0 * (slope(k) - slope(k - 1)) / (axis[k + 1] - axis[k - 1]),
+        false => 0.0,
+    };
+    let (before, after) = (curvature(i), curvature(i + 1));
+    if before * after > 0.0 {
+        let limit = 2.0 * before.abs().min(after.abs());
+        let width = axis[i + 1] - axis[i];
+        -0.5 * s * (1.0 - s) * width * width * (0.5 * (before + after)).clamp(-limit, limit)
+    } else {
+        0.0
+    }
 }
 
 fn square(at_px: f64) -> i64 {
