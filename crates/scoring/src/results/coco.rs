@@ -76,7 +76,7 @@ pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Points> {
             None => dropped.at(k as u64),
         }
     }
-    (points.read_as, points.notes) = (converter.conventions, converter.notes);
+    (points.read_as, points.notes) = (Box::new(converter.conventions), converter.notes);
     points.n_nan = dropped.finish(&mut points.notes);
     Ok(points)
 }

@@ -417,7 +417,7 @@ impl TextTable {
             Ok(())
         })?;
         points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
-        (points.read_as, points.notes) = (converter.conventions, converter.notes);
+        (points.read_as, points.notes) = (Box::new(converter.conventions), converter.notes);
         points.notes.extend(style);
         points.n_nan = dropped.finish(&mut points.notes);
         Ok(points)

@@ -48,7 +48,7 @@ pub struct Points {
     /// How the reader interpreted the file.
     pub notes: Vec<String>,
     /// The conventions by which it was converted; the default: those of the dataset.
-    pub read_as: Conventions,
+    pub read_as: Box<Conventions>,
 }
 
 impl Points {

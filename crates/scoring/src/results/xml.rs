@@ -26,8 +26,7 @@ pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Res
     let mut reader = Reader::from_reader(BufReader::new(Bounded::new(Text::open(path)?, b'>')));
     let at =
         |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));
-    // The challenge's readers trim NaN at the ends of tracks and drop tracks with NaN in between.
-    let trims = format == Format::Isbi;
+    let is_isbi = format == Format::Isbi;
     let mut points = Points { has_z: true, ..Points::default() };
     let (mut converter, mut claimed, mut graph) = (None, None, None);
     let (mut buffer, mut track, mut inside) = (Vec::new(), -1i64, false);
@@ -48,16 +47,7 @@ pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Res
                 whole |= depth == 0;
                 if e.name().as_ref() == "particle" {
                     inside = false;
-                    let whole = points.rows.split_off(first);
-                    let span = whole.iter().map(|r| r.frame).min().zip(whole.iter().map(|r| r.frame).max());
-                    let is_inner = |hole: &u32| span.is_some_and(|(a, b)| (a..=b).contains(hole));
-                    points.n_nan += holes.len();
-                    if trims && holes.iter().any(is_inner) {
-                        points.n_nan += whole.len();
-                        torn += 1;
-                    } else {
-                        points.rows.extend(whole);
-                    }
+                    torn += usize::from(close(&mut points, first, &holes, format));
                 }
             }
             ref event @ (Event::Start(ref e) | Event::Empty(ref e)) => {
@@ -68,10 +58,10 @@ pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Res
                 }
                 match e.name().as_ref() {
                     root @ ("Tracks" | "TrackContestISBI2012" | "Model") => {
-                        let name = if trims { "ISBI tracks" } else { "TrackMate tracks" };
+                        let name = if is_isbi { "ISBI tracks" } else { "TrackMate tracks" };
                         let key = if root == "Model" { "spatialunits" } else { "spaceUnits" };
                         let unit = match attribute(e, key).map_err(wrong)? {
-                            _ if trims => LengthUnit::Px,
+                            _ if is_isbi => LengthUnit::Px,
                             Some(stated) => trackmate_unit(&stated, given)?,
                             None => LengthUnit::Um,
                         };
@@ -120,7 +110,7 @@ pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Res
     if let Some(claimed) = claimed.filter(|n| *n != (track + 1).to_string()) {
         return Err(wrong(format!("nTracks = {:?}, but the file has {}", shown(&claimed), track + 1)));
     }
-    (points.read_as, points.notes) = (converter.conventions, converter.notes);
+    (points.read_as, points.notes) = (Box::new(converter.conventions), converter.notes);
     if let Some(graph) = graph {
         graph.finish(&mut points).map_err(|what| Error::input(format!("{}: {what}", path.display())))?;
     }
@@ -133,6 +123,21 @@ pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Res
         points.notes.push(format!("{} detections without coordinates were dropped{tracks}", points.n_nan));
     }
     Ok(points)
+}
+
+/// Ends a particle whose rows begin at `first`; `holes` are the frames without coordinates. The challenge's readers
+/// trim these at the ends of tracks and drop tracks with some in between: whether this one was.
+fn close(points: &mut Points, first: usize, holes: &[u32], format: Format) -> bool {
+    let frames = || points.rows[first..].iter().map(|r| r.frame);
+    let span = frames().min().zip(frames().max());
+    let is_inner = |hole: &u32| span.is_some_and(|(a, b)| (a..=b).contains(hole));
+    let is_torn = format == Format::Isbi && holes.iter().any(is_inner);
+    points.n_nan += holes.len();
+    if is_torn {
+        points.n_nan += points.rows.len() - first;
+        points.rows.truncate(first);
+    }
+    is_torn
 }
 
 /// Spots and edges of the file that TrackMate saves.
