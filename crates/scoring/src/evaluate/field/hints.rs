@@ -244,9 +244,10 @@ fn other_reading(field: &Field, grid: &TrueField, facts: &RecordingFacts) -> Opt
                 let changes = usize::from(at.is_some())
                     + usize::from(axes != Axes::Kept)
                     + usize::from(reading.moved != 1.0);
-                // More changes need a clearly smaller error.
-                let is_better = best
-                    .is_none_or(|(fewer, _, least)| rms < least && (changes <= fewer || rms < 0.5 * least));
+                // More changes need a clearly smaller error; of equal ones, y upward comes before x to the left.
+                let is_better = best.is_none_or(|(fewer, _, least)| {
+                    least - rms > 1e-3 && (rms < 0.5 * least || (changes <= fewer && rms < 0.9 * least))
+                });
                 if is_better {
                     best = Some((changes, reading, rms));
                 }
