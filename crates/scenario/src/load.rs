@@ -475,7 +475,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
         ];
         assert_begin(&problems(text, &[]), &expected);
         // Without the rules that look at several values.
-        let set = [&["seed=x: expected a whole number"], &expected[1..]].concat();
+        let set = [&["seed=x: expected a whole number"][..], &expected[1..]].concat();
         assert_begin(&problems(text, &["seed=x"]), &set);
     }
 
