@@ -283,7 +283,8 @@ fn help_names_the_environment_and_the_documentation_and_manual_pages_are_made() 
     run(&["man", path(&pages)]);
     let page = |name: &str| std::fs::read_to_string(pages.join(name)).unwrap();
     assert!(
-        page("microsig.1").contains("MICROSIG_CACHE") && page("microsig-suite-score.1").contains("leaderboard")
+        page("microsig.1").contains("MICROSIG_CACHE")
+            && page("microsig-suite-score.1").contains("leaderboard")
     );
     assert!(page("microsig-generate.1").contains("\\-\\-resume"));
 }

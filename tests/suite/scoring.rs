@@ -15,8 +15,8 @@ use scoring::evaluate::identity::Identity;
 use scoring::evaluate::isbi::Isbi;
 use scoring::evaluate::links::Links;
 use scoring::evaluate::matching::{Cost, Matching, NONE, optimal};
-use scoring::evaluate::units::Units;
 use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
+use scoring::evaluate::units::Units;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{Conventions, TrackRow, read_points};
 

