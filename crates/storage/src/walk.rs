@@ -122,14 +122,14 @@ mod tests {
 
     #[test]
     fn patterns_fit_names() {
-        for (pattern, name, fits) in [
+        for (pattern, name, expected) in [
             ("*.tif", "a.tif", true),
             ("a?c*", "abcd", true),
             ("*b*d", "abcbd", true),
             ("a*b", "acd", false),
             ("a", "ab", false),
         ] {
-            assert_eq!(fits(pattern, name), fits, "{pattern} {name}");
+            assert_eq!(fits(pattern, name), expected, "{pattern} {name}");
         }
     }
 
