@@ -599,8 +599,8 @@ mod tests {
             let score = &scored.score;
             assert_eq!((score.n_outside, score.interpolation_error_px), (0, Some(0.0)));
             assert!((score.main.modulation_u.unwrap() - 1.0).abs() < 1e-5);
-            // Interpolation between vectors 8 px apart; bilinearly it would be 0.2 px at 77 px.
-            assert!(score.nodes.rms_px < Some(0.05) && score.nodes.valid == Some(1.0), "{:?}", score.nodes);
+            // Interpolation between vectors 8 px apart: 0.074 px at 77 px; bilinearly it would be 0.4 px.
+            assert!(score.nodes.rms_px < Some(0.1) && score.nodes.valid == Some(1.0), "{:?}", score.nodes);
             assert!(scored.warnings.is_empty() && scored.hints.is_empty(), "{:?}", scored.warnings);
         }
     }
