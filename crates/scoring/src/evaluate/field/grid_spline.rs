@@ -120,15 +120,15 @@ fn slopes<const N: usize>(x: &[f64], values: &[[f64; N]]) -> Vec<[f64; N]> {
         let (before, after) = (width(k - 1), width(k));
         let pivot = 2.0 * (before + after) - after * upper[k - 1];
         upper[k] = before / pivot;
-        for c in 0..N {
+        let previous = slopes[k - 1];
+        slopes[k] = std::array::from_fn(|c| {
             let right = 3.0 * (after * secant(k - 1, c) + before * secant(k, c));
-            slopes[k][c] = (right - after * slopes[k - 1][c]) / pivot;
-        }
+            (right - after * previous[c]) / pivot
+        });
     }
     for k in (1..n - 1).rev() {
-        for c in 0..N {
-            slopes[k][c] -= upper[k] * slopes[k + 1][c];
-        }
+        let next = slopes[k + 1];
+        slopes[k].iter_mut().zip(next).for_each(|(slope, next)| *slope -= upper[k] * next);
     }
     slopes
 }
