@@ -327,7 +327,7 @@ mod tests {
         let highest = |scan: &DepthScan| scan.images.iter().map(|image| image.peak).fold(0.0, f64::max);
         let (z_um, image) = coarse.focus.clone().unwrap();
         assert!((image.peak / highest(&fine) - 1.0).abs() < 0.01, "{} not {}", image.peak, highest(&fine));
-        assert!(z_um.abs() < 0.1, "{z_um}");
+        assert!((z_um - fine.focus_um().unwrap()).abs() < 0.1, "{z_um} not {:?}", fine.focus_um());
         assert!(highest(&coarse) < 0.96 * image.peak, "{}", highest(&coarse));
     }
 

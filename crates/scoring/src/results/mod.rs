@@ -140,7 +140,10 @@ impl Source {
                 "no results; expected files .{names} of a field, one for each image pair"
             )));
         }
-        Ok(Source::Files(path.to_path_buf(), files.iter().map(|file| InputFile::from(folder.join(file))).collect()))
+        Ok(Source::Files(
+            path.to_path_buf(),
+            files.iter().map(|file| InputFile::from(folder.join(file))).collect(),
+        ))
     }
 
     /// Name of the result.

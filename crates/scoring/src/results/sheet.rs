@@ -162,7 +162,9 @@ impl TextTable {
         table.decimals = Some(Decimals::default());
         let mut record = ByteRecord::new();
         table.waiting = table.record(&mut record)?.map(|line| (line, record));
-        let Source::Lines(_, _, _, Some(zones)) = &mut table.source else { return Ok((table, String::new())) };
+        let Source::Lines(_, _, _, Some(zones)) = &mut table.source else {
+            return Ok((table, String::new()));
+        };
         let header = std::mem::take(&mut zones.above);
         Ok((table, header))
     }

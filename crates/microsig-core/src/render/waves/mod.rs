@@ -169,7 +169,11 @@ impl WavesRenderer {
             rays,
             farthest_px: tabled::farthest_px(settings),
             // Within a table, the edge of an image moves by about 8 px, and sizes of images differ by 2 px.
-            ranges: TableRanges::up_to(8.0 / (px_per_um * slope), 2.0 / px_per_um),
+            // A part of the depths in which images are displaced against coma or not must not be wide.
+            ranges: TableRanges::up_to(
+                if optics.field.coma == FieldComa::default() { 8.0 } else { 4.0 } / (px_per_um * slope),
+                2.0 / px_per_um,
+            ),
             model,
         };
         Ok(TabledRenderer::of(waves, instructions))

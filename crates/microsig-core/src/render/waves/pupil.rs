@@ -188,9 +188,9 @@ impl Pupil {
         self.system.objective.object_distance(self.optical_depth(z_um))
     }
 
-    /// Whether an emitter at this depth is in front of the lens and below the cover slip.
+    /// Whether an emitter at this depth is in front of the lens, if that is MicroSIG's.
     pub(super) fn sees(&self, z_um: f64) -> bool {
-        self.distance(z_um) > 0.0
+        self.lens == Lens::Aplanatic || self.distance(z_um) > 0.0
     }
 
     /// Slope behind the lens of the ray through the radius `q` from an emitter at `offset` from the axis;
