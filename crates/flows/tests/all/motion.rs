@@ -121,7 +121,7 @@ fn settled_spheres_have_boltzmanns_profile_whatever_the_frame_rate() {
         let mut counts = [0.0; 20];
         for tracer in &last.tracers {
             // Share of the profile below the sphere.
-            let below = |gap: f64| 1.0 - (-gap / length).exp();
+            let below = |gap: f64| 1.0 - libm::exp(-gap / length);
             let share = below(tracer.position.z - 1.0) / below(0.5);
             counts[((share * 20.0) as usize).min(19)] += 1.0;
         }

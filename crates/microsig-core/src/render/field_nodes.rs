@@ -4,7 +4,7 @@
 //! variables (Bos, Caliari, De Marchi, Vianello and Xu 2006, J. Approx. Theory 143, 15).
 
 /// The largest degree.
-pub(super) const MOST: usize = 5;
+pub(super) const MOST: usize = 7;
 
 /// Places in the field, and the polynomial through values at them.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,7 +82,8 @@ impl FieldNodes {
     /// Products of Chebyshev polynomials of total degree up to that of the nodes.
     fn basis(&self, [x, y]: [f64; 2]) -> Vec<f64> {
         let chebyshev = |x: f64| {
-            let mut values = [1.0, x, 0.0, 0.0, 0.0, 0.0];
+            let mut values = [1.0; MOST + 1];
+            values[1] = x;
             (2..=MOST).for_each(|i| values[i] = 2.0 * x * values[i - 1] - values[i - 2]);
             values
         };

@@ -35,7 +35,7 @@ use crate::stream::{Purpose, Streams};
 pub const TOLERANCES: RangeInclusive<f64> = 1e-4..=0.1;
 
 /// Images whose error exceeds this number of tolerances are refused.
-pub(super) const LARGEST_SHORTFALL: f64 = 10.0;
+const LARGEST_SHORTFALL: f64 = 10.0;
 
 /// Number of sources after which those gathered are drawn, which bounds the tables and images in memory at
 /// the same time.
@@ -572,15 +572,31 @@ impl<M: ImageModel> Tables for TabledRenderer<M> {
     }
 
     fn shortfall(&self) -> Result<Option<String>, Error> {
-        let (error, tolerance) = (self.state().error, self.tolerance());
-        let errs = || format!("{} err by up to {error:.1e} of their peaks", M::IMAGES);
-        if error > LARGEST_SHORTFALL * tolerance {
-            return Err(Error::Unsupported(format!(
-                "{}, more than {LARGEST_SHORTFALL} times the tolerance of {tolerance:.1e}: the optics are beyond what tables \
-                 can hold (weaker aberrations over the field, a smaller depth range or a larger tolerance are not)",
-                errs()
-            )));
-        }
-        Ok((error > tolerance).then(|| format!("{}, more than the tolerance of {tolerance:.1e}", errs())))
+        shortfall(M::IMAGES, self.state().error, self.tolerance())
+    }
+}
+
+/// [`Tables::shortfall`] of images with this largest error.
+fn shortfall(images: &str, error: f64, tolerance: f64) -> Result<Option<String>, Error> {
+    let errs = format!("{images} err by up to {error:.1e} of their peaks");
+    if error > LARGEST_SHORTFALL * tolerance {
+        return Err(Error::Unsupported(format!(
+            "{errs}, more than {LARGEST_SHORTFALL} times the tolerance of {tolerance:.1e}: the optics vary too much over the \
+             field for tables; use weaker aberrations, a smaller depth range or sensor, or a larger tolerance"
+        )));
+    }
+    Ok((error > tolerance).then(|| format!("{errs}, more than the tolerance of {tolerance:.1e}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_that_miss_the_tolerance_are_warned_of_and_those_far_beyond_it_refused() {
+        assert_eq!(shortfall("images", 2e-3, 3e-3).unwrap(), None);
+        assert!(shortfall("images", 2.9e-2, 3e-3).unwrap().unwrap().contains("2.9e-2 of their peaks"));
+        let message = shortfall("images", 0.32, 3e-3).unwrap_err().to_string();
+        assert!(message.contains("more than 10 times the tolerance of 3.0e-3"), "{message}");
     }
 }

@@ -458,11 +458,6 @@ fn coma_over_the_field_leaves_images_in_focus_as_they_are() {
     let largest = plain.iter().zip(&seen).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     println!("{}", largest / peak);
     assert!(largest < 4e-3 * peak, "{}", largest / peak);
-    // What tables cannot hold is refused.
-    let coma = FieldComa { per_mm: 6.0, ..FieldComa::default() };
-    let (_, shortfall) = draw(FieldOptics { coma, ..FieldOptics::default() }, 3e-4);
-    let message = shortfall.unwrap_err().to_string();
-    assert!(message.contains("more than 10 times the tolerance of 3.0e-4"), "{message}");
 }
 
 /// MicroSIG's lens is 437.5 um in front of the focal plane of a 4x, and its spheres have points that shine; a
