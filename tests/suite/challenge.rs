@@ -16,7 +16,7 @@ fn truths_that_do_not_depend_on_the_key_are_refused() {
     let place = tempfile::tempdir().unwrap();
     for (name, seeding) in [("grid", "jittered_grid(0.0)"), ("jitter", "jittered_grid(0.05)")] {
         let particles = format!("particles: (number: per_um3(1e-4), seeding: {seeding})");
-        let text = scenario(3).replace("particles: (number: count(12))", &particles);
+        let text = scenario(3).replace("particles: (number: count(20))", &particles);
         let dataset = generate(place.path(), name, &text);
         let out = place.path().join("out");
         let message = fail(2, &["release", path(&dataset), "--out", path(&out)]);

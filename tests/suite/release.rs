@@ -19,7 +19,7 @@ pub(crate) fn scenario(seed: u64) -> String {
     seed: {seed},
     optics: (pixel_dim_x: 120, pixel_dim_y: 90),
     motion: flow(field: poiseuille(max_speed_um_s: 6000)),
-    particles: (number: count(12)),
+    particles: (number: count(20)),
     timing: sequence(frames: 8, dt_s: 0.002),
 )"#
     )
@@ -346,7 +346,7 @@ fn what_cannot_be_released_is_refused_and_leaves_nothing() {
     refuse(2, &CHALLENGE.out.join("withheld/test"), &[], "generated with a secret key");
 
     std::fs::write(place.path().join("places.txt"), "40 30 -20 2\n60 50 0 2\n").unwrap();
-    let placed = scenario(1).replace("count(12)", "file(\"places.txt\")");
+    let placed = scenario(1).replace("count(20)", "file(\"places.txt\")");
     let placed = generate(place.path(), "placed", &placed);
     refuse(2, &placed, &[], "particle positions come from a file");
 

@@ -295,7 +295,7 @@ fn openpiv_reverses_y_within_its_grid() {
     let up = Conventions { y_up: Some(true), ..Conventions::default() };
     let (as_written, upward) = (scored(Conventions::default()), scored(up));
     let hint = &as_written.hints[0];
-    assert!(hint.what.ends_with("px: --y up"), "{hint:?}");
+    assert!(hint.what.ends_with("px; --y up"), "{hint:?}");
     let promised = hint.rms_px.unwrap();
     let given = upward.field.as_ref().unwrap().main.epe_rms_px.unwrap();
     assert!((promised - given).abs() < 1e-9, "{promised} {given}");

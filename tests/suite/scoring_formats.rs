@@ -132,7 +132,7 @@ fn pivlab_files_are_read_whatever_separates_their_columns_and_whatever_their_uni
     let file = place.path().join("lost.txt");
     std::fs::write(&file, calibrated.replace("conversion factor", "factor").replace("->", "to")).unwrap();
     let message = read_error(&file);
-    assert!(message.contains(":2: ") && message.contains("lengths are m"), "{message}");
+    assert!(message.contains(":3: ") && message.contains("lengths are not in px"), "{message}");
 }
 
 fn read_error(file: &Path) -> String {
@@ -398,9 +398,10 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         let file = place.path().join(name);
         let run = |bytes: Vec<u8>| {
             std::fs::write(&file, bytes).unwrap();
-            let known = ["--um-per-px", "0.645", "--depth", "-10", "10", "--threads", "1", "--quiet"];
-            let truth = if is_field { &field_truth } else { &truth };
-            confined(&[&["evaluate", path(truth), path(&file)], &known[..]].concat())
+            let known = ["--depth", "-10", "10", "--threads", "1", "--quiet", "--um-per-px", "0.645"];
+            // Fields are in px; with a scale, those without units would be in a physical unit.
+            let (truth, known) = if is_field { (&field_truth, &known[..6]) } else { (&truth, &known[..]) };
+            confined(&[&["evaluate", path(truth), path(&file)], known].concat())
         };
         let long = [&whole[..], &vec![b'7'; 10 << 20]].concat();
         let (code, message) = run(long);

@@ -214,7 +214,9 @@ fn field(shift_px: f64) -> (FieldScore, Vec<Hint>) {
 fn a_field_half_a_pixel_off_is_noticed_by_the_gradients_of_the_flow() {
     let (_, hints) = field(0.0);
     assert_eq!(hints, []);
-    for (shift, option) in [(0.5, "; origin corner0"), (1.0, "; origin center0"), (-0.5, "off by -0.5 px?")] {
+    for (shift, option) in
+        [(0.5, "; --origin corner0"), (1.0, "; --origin center0"), (-0.5, "off by -0.5 px?")]
+    {
         let (_, hints) = field(shift);
         assert!(hints.len() == 1 && hints[0].what.contains(option), "{shift}: {hints:?}");
         assert!(hints[0].rms_px < hints[0].rms_px_now, "{hints:?}");

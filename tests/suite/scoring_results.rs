@@ -181,26 +181,26 @@ fn scores_lie_within_their_intervals() {
     let (truth, points) = scene();
     let score = serde_json::to_value(scores(&truth, &points)).unwrap();
     for (value, interval) in [
-        ("/detection/precision", "/detection/interval/precision"),
-        ("/detection/f1", "/detection/interval/f1"),
-        ("/detection/rmse_xy_px", "/detection/interval/rmse_xy_px"),
+        ("/detection/precision", "/detection/interval_precision"),
+        ("/detection/f1", "/detection/interval_f1"),
+        ("/detection/rmse_xy_px", "/detection/interval_rmse_xy_px"),
         ("/links/recall", "/links/interval_recall"),
         ("/links/f1", "/links/interval_f1"),
-        ("/isbi/alpha", "/isbi/interval/alpha"),
-        ("/isbi/beta", "/isbi/interval/beta"),
-        ("/isbi/jsc", "/isbi/interval/jsc"),
-        ("/isbi/jsc_theta", "/isbi/interval/jsc_theta"),
-        ("/isbi/rmse", "/isbi/interval/rmse"),
+        ("/isbi/alpha", "/isbi/interval_alpha"),
+        ("/isbi/beta", "/isbi/interval_beta"),
+        ("/isbi/jsc", "/isbi/interval_jsc"),
+        ("/isbi/jsc_theta", "/isbi/interval_jsc_theta"),
+        ("/isbi/rmse", "/isbi/interval_rmse"),
         ("/hota/hota", "/hota/interval_hota"),
         ("/hota/assa", "/hota/interval_assa"),
         ("/clear/mota", "/clear/interval_mota"),
         ("/clear/motp", "/clear/interval_motp"),
         ("/identity/idf1", "/identity/interval_idf1"),
-        ("/gdpt/phi", "/gdpt/interval/phi"),
-        ("/gdpt/sigma_z_over_h", "/gdpt/interval/sigma_z_over_h"),
-        ("/lpt/ghost", "/lpt/interval/ghost"),
-        ("/lpt/displacement_rms_px", "/lpt/interval/displacement_rms_px"),
-        ("/lpt/acceleration_rms_px", "/lpt/interval/acceleration_rms_px"),
+        ("/gdpt/phi", "/gdpt/interval_phi"),
+        ("/gdpt/sigma_z_over_h", "/gdpt/interval_sigma_z_over_h"),
+        ("/lpt/ghost", "/lpt/interval_ghost"),
+        ("/lpt/displacement_rms_px", "/lpt/interval_displacement_rms_px"),
+        ("/lpt/acceleration_rms_px", "/lpt/interval_acceleration_rms_px"),
     ] {
         let number = |pointer: &str| score.pointer(pointer).and_then(serde_json::Value::as_f64);
         let ends = [0, 1].map(|i| number(&format!("{interval}/{i}")));
@@ -394,7 +394,8 @@ fn a_comparison_knows_datasets_by_their_truth_and_ranks_fields_apart() {
     let field = place.path().join("field.txt");
     run(&["export", path(&dataset), "--format", "openpiv", "--pair", "0", "--out", path(&field)]);
     let particles = score(&dataset, &dataset.join("truth/tracks.csv"), "particles");
-    let vectors = score(&dataset, &field, "vectors");
+    let vectors = place.path().join("vectors");
+    run(&["evaluate", path(&dataset), path(&field), "--pair", "all", "--out", path(&vectors), "--quiet"]);
     let other = score(&seven, &seven.join("truth/tracks.csv"), "other");
     let compared = |scores: &[&Path], out: &str| -> serde_json::Value {
         let out = place.path().join(out);

@@ -148,11 +148,13 @@ impl Isbi {
         let sums = units.sums(items.into_iter());
         let [interval_alpha, interval_beta, interval_jsc, interval_jsc_theta, interval_rmse] = units
             .intervals(&sums, |&[gain, frames, unpaired, tp, all, tracks, paired, squares]| {
+                // Sums of shares differ by rounding.
+                let share = |part, whole| ratio(part, whole).map(|share| share.min(1.0));
                 [
-                    ratio(gain, frames),
-                    ratio(gain, frames + unpaired),
-                    ratio(tp, all),
-                    ratio(paired, tracks),
+                    share(gain, frames),
+                    share(gain, frames + unpaired),
+                    share(tp, all),
+                    share(paired, tracks),
                     ratio(squares, tp).map(f64::sqrt),
                 ]
             });

@@ -268,14 +268,14 @@ fn hints_promise_what_their_options_give() {
     }
     // Another time between frames than that of the dataset.
     let found = scored("f.txt", &openpiv(1e3 * m, 250.0 * m_s, false), NONE).hints.remove(0);
-    assert!(found.what.ends_with("px: --um-per-px 0.5 --dt 0.08"), "{found:?}");
+    assert!(found.what.ends_with("px; --um-per-px 0.5 --dt 0.08"), "{found:?}");
     let text = table(
         "#DaVis 8.4.0 2D-vector 8 9 11 \"position\" \"mm\" \"position\" \"mm\" \"velocity\" \"m/s\"",
         "\t",
         |[x, y, u, v]| vec![1e3 * m * (x - 1.0), 1e3 * m * (y - 1.0), 0.25 * m_s * u, 0.25 * m_s * v],
     );
     let found = scored("f.txt", &text, NONE).hints.remove(0);
-    assert!(found.what.ends_with("px: --dt 0.08") && found.rms_px < Some(1e-6), "{found:?}");
+    assert!(found.what.ends_with("px; --dt 0.08") && found.rms_px < Some(1e-6), "{found:?}");
     // An origin of its own within the image.
     let own = pivlab(["m", "m/frame"], Some([m, m]), |[x, y, u, v]| {
         vec![m * (x + 4.6), m * y, m * u, m * v, 1.0, 0.0, 0.1]
