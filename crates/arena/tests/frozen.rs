@@ -117,7 +117,7 @@ fn tracks() {
         let options = EvaluateOptions { shape: Some(Shape::Box), border_px, ..EvaluateOptions::default() };
         let (mut truth, _) = Truth::read(&dataset.path(), false, &options).unwrap();
         truth.facts.is_from_key = true;
-        let given = options.conventions.clone().completed(&truth.facts);
+        let given = options.conventions.completed(&truth.facts);
         let result = read(data().join("tracks.csv"), &given).unwrap();
         let evaluation = unversioned(evaluate(&truth, &result, &options).unwrap());
         let out = dataset.0.path().join(name);
@@ -189,7 +189,7 @@ fn planes() {
     let planes = (0..6).map(|frame| PlaneRow { frame, z_um: -15.0 + 5.0 * f64::from(frame) }).collect();
     let truth = Truth { facts, planes: Some(planes), ..Truth::default() };
     let options = EvaluateOptions { border_px: 4.0, ..EvaluateOptions::default() };
-    let given = options.conventions.clone().completed(&truth.facts);
+    let given = options.conventions.completed(&truth.facts);
     let result = read(data().join("planes.csv"), &given).unwrap();
     is_score("planes.json", &unversioned(evaluate(&truth, &result, &options).unwrap()));
 }
@@ -230,7 +230,7 @@ fn fields() {
 #[test]
 fn suite() {
     let place = tempfile::tempdir().unwrap();
-    let suite = scenario::Suite::open(&data().join("suite.ron")).unwrap();
+    let suite = scenario::Suite::open(data().join("suite.ron")).unwrap();
     let datasets = place.path().join("datasets");
     let options = SuiteOptions {
         out: datasets.clone(),

@@ -154,6 +154,15 @@ pub struct Fitted {
     pub warnings: Vec<String>,
 }
 
+/// Direction in which the cylindrical lens has power, from the x axis, -90 to 90 degrees; 0 without one.
+fn rotation_deg(state: &State) -> f64 {
+    if state.microscope.focus_shift_um == 0.0 {
+        return 0.0;
+    }
+    let degrees = state.microscope.angle.to_degrees().rem_euclid(180.0);
+    if degrees > 90.0 { degrees - 180.0 } else { degrees }
+}
+
 impl Fitted {
     pub(super) fn of(
         run: &Run,
@@ -199,12 +208,7 @@ impl Fitted {
         let rejected = rejected
             .flat_map(|(k, planes)| planes.iter().enumerate().filter(|(_, r)| **r).map(move |(i, _)| (k, i)))
             .collect();
-        let rotation_deg = if state.microscope.focus_shift_um == 0.0 {
-            0.0
-        } else {
-            let degrees = state.microscope.angle.to_degrees().rem_euclid(180.0);
-            if degrees > 90.0 { degrees - 180.0 } else { degrees }
-        };
+        let rotation_deg = rotation_deg(state);
         let (settings, clamped) = settings(problem, state);
         let mut warnings = problem.scan.warnings.clone();
         if clamped {

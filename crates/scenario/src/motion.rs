@@ -16,6 +16,7 @@ use super::findings::Findings;
 /// The source of particle motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[expect(clippy::large_enum_variant, reason = "a scenario has one")]
 pub enum Motion {
     /// A velocity field advects the particles.
     Flow(Flow),

@@ -120,11 +120,11 @@ impl Isbi {
         chosen
             .iter()
             .for_each(|pair| partner[pair.column as usize] = Some(units.of_track(pair.row as usize)));
-        for track in 0..n_result {
+        for (track, partner) in partner.iter().enumerate() {
             let (points, frames) = (result.track(track), length(result, track));
             let share = 1.0 / points.len() as f64;
             items.extend(points.iter().map(|&j| {
-                let unit = partner[track].unwrap_or(units.of_result(j as usize));
+                let unit = partner.unwrap_or(units.of_result(j as usize));
                 (unit, [0.0, 0.0, frames * share, 0.0, 1.0, share, 0.0, 0.0])
             }));
         }

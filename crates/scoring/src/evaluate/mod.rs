@@ -222,15 +222,8 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let hints = convention_check.hints(&detection)?;
     let offset = if options.auto_offset { convention_check.offset()? } else { None };
     let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();
-    let counts = Counts {
-        units: of_points.len(),
-        units_found: of_points.iter().filter(|unit| unit[0] > 0.0).count(),
-        ..counts(&scored, &matching, points, n_unlinked)
-    };
-    let mut warnings = cautions(truth, points, &counts);
-    if !depth && truth.has_z && points.has_z && options.dims.is_none() {
-        warnings.push(NO_DEPTH.to_owned());
-    }
+    let counts = counts(&scored, &matching, points, n_unlinked, &of_points);
+    let warnings = cautions(truth, points, &counts, !depth && options.dims.is_none());
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
@@ -319,8 +312,9 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
 }
 
 /// Caveats for reading the scores.
-fn cautions(truth: &TrueParticles, points: &Points, counts: &Counts) -> Vec<String> {
+fn cautions(truth: &TrueParticles, points: &Points, counts: &Counts, is_flat: bool) -> Vec<String> {
     let mut warnings = Vec::new();
+    warnings.extend((is_flat && truth.has_z && points.has_z).then(|| NO_DEPTH.to_owned()));
     let beyond = |frames: u32| points.rows.iter().filter(|p| p.frame >= frames).count();
     if let Some(n) = truth.facts.frames.map(beyond).filter(|n| *n > 0) {
         let frames = truth.facts.frames.unwrap_or(0);
@@ -382,7 +376,13 @@ fn at_other_gates(
     Ok(gates)
 }
 
-fn counts(scored: &ScoredPoints, matching: &Matching, points: &Points, n_unlinked: usize) -> Counts {
+fn counts<const N: usize>(
+    scored: &ScoredPoints,
+    matching: &Matching,
+    points: &Points,
+    n_unlinked: usize,
+    units: &[[f64; N]],
+) -> Counts {
     let (t, r) = (&scored.truth, &scored.result);
     let frames = detection::per_frame(t, r, matching);
     Counts {
@@ -396,7 +396,8 @@ fn counts(scored: &ScoredPoints, matching: &Matching, points: &Points, n_unlinke
         n_unlinked,
         tracks_truth: t.n_tracks(),
         tracks_result: r.n_tracks(),
-        ..Counts::default()
+        units: units.len(),
+        units_found: units.iter().filter(|unit| unit[0] > 0.0).count(),
     }
 }
 

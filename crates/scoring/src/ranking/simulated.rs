@@ -1,4 +1,5 @@
 //! Simulated results of known skill: coverage of intervals, error rates of comparisons, and the differences that they find.
+#![expect(clippy::print_stdout, reason = "the measured numbers, for `--nocapture`")]
 
 use std::collections::BTreeMap;
 
