@@ -6,8 +6,8 @@
 //! and its axis turns with the D_r of tumbling. A step of duration h consists of half the drift, the Brownian
 //! step, and half the drift (Strang splitting); the Brownian step of a spheroid consists of half the
 //! rotation, the translation, and half the rotation. Settling is part of the Brownian step, which at plane
-//! walls is exact for any h ([`crate::fluid::FluidRegion::settle`]; at walls that slow spheres,
-//! [`crate::hindered_brownian`]); at bodies h must be small. In a simple shear of rate g the variance along the flow,
+//! walls is exact for any h (`FluidRegion::settle`; at walls that slow spheres,
+//! `hindered_brownian.rs`); at bodies h must be small. In a simple shear of rate g the variance along the flow,
 //! 2 D t (1 + (g t)^2 / 3), is reproduced with 1/3 - 1/(12 n^2) in place of 1/3 for n steps. Walls
 //! hinder the diffusion of spheres if the scene says so ([`crate::hindered`]).
 //!
