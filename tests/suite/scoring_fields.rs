@@ -298,7 +298,8 @@ fn openpiv_reverses_y_within_its_grid() {
     assert!(hint.what.ends_with("px; --y up"), "{hint:?}");
     let promised = hint.rms_px.unwrap();
     let given = upward.field.as_ref().unwrap().main.epe_rms_px.unwrap();
-    assert!((promised - given).abs() < 1e-9, "{promised} {given}");
+    // The promise is made with splines between the nodes of the truth.
+    assert!((promised - given).abs() < 1e-5, "{promised} {given}");
     // Measured: 0.176 px, and 0.171 px where the window's center belongs.
     assert!(rms(&upward) < 0.18, "{}", rms(&upward));
     let exact = scored(Conventions { origin: Some(Origin::Center0), ..up });
