@@ -58,9 +58,9 @@ fn published(score: &Score) -> Result<Value> {
     if !score.truth_is_secret {
         return value(score);
     }
-    // The rest of a hint quotes scores, also of a sample; a hint without a question is left out.
-    let hints = score.hints.iter().filter(|hint| !hint.question.is_empty());
-    // Those of a field tell where its truth has holes.
+    // The rest of a hint quotes scores, also of a sample; a hint without a question is left out. Hints and warnings of a
+    // field depend on its truth at single places.
+    let hints = score.hints.iter().filter(|hint| !hint.question.is_empty() && score.field.is_none());
     let mut warnings: Vec<&str> =
         score.warnings.iter().filter(|_| score.field.is_none()).map(String::as_str).collect();
     let n = score.counts.units_found;
