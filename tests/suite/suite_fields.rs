@@ -12,7 +12,7 @@ use suite::microsig::{fail, path, run};
 const SCENARIO: &str = r#"(
     name: "fields",
     seed: 3,
-    optics: (gaussian: (diameter_px: 3), pixel_dim_x: 200, pixel_dim_y: 128),
+    optics: (gaussian: (diameter_px: 3), pixel_dim_x: 256, pixel_dim_y: 224),
     motion: flow(field: uniform(velocity_um_s: (580.5, 0, 0))),
     particles: (number: ppp(0.02)),
     boundaries: (z_um: (-5, 5)),
@@ -48,7 +48,9 @@ struct Fields {
 
 static FIELDS: LazyLock<Fields> = LazyLock::new(|| {
     let place = tempfile::tempdir().unwrap();
-    let wave = SCENARIO.replace("uniform(velocity_um_s: (580.5, 0, 0))),", WAVE);
+    let wave = SCENARIO
+        .replace("uniform(velocity_um_s: (580.5, 0, 0))),", WAVE)
+        .replace("256, pixel_dim_y: 224", "160, pixel_dim_y: 128");
     assert!(wave.contains("sinusoid"));
     for (name, text) in [("shift.ron", SCENARIO), ("wave.ron", &wave), ("suite.ron", SUITE)] {
         std::fs::write(place.path().join(name), text).unwrap();
@@ -62,7 +64,7 @@ static FIELDS: LazyLock<Fields> = LazyLock::new(|| {
 fn vectors(moved: impl Fn(f64, f64) -> Option<f64>) -> String {
     let mut text = "pair,x_px,y_px,dx_px,dy_px,flag\n".to_owned();
     for pair in 0..2 {
-        for (row, column) in (0..16).flat_map(|row| (0..25).map(move |column| (row, column))) {
+        for (row, column) in (0..28).flat_map(|row| (0..32).map(move |column| (row, column))) {
             let (x, y) = (4.5 + 8.0 * f64::from(column), 4.5 + 8.0 * f64::from(row));
             if let Some(dx) = moved(x, y) {
                 writeln!(text, "{pair},{x},{y},{dx},0,0").unwrap();
