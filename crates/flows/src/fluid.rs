@@ -140,7 +140,7 @@ impl<'a> FluidRegion<'a> {
         from
     }
 
-    /// The walls of the box and `of_field`, that of the field, as seen from `x` (um), without hidden ones.
+    /// The walls of the box and the wall of the field (`of_field`), as seen from `x` (um), without hidden ones.
     pub(crate) fn walls(&self, of_field: Option<Wall>, x: DVec3) -> impl Iterator<Item = Wall> + use<'a> {
         let domain = self.domain;
         let shown = of_field.filter(|own| !domain.walls(x).any(|face| face.is_before(own)));
@@ -149,7 +149,7 @@ impl<'a> FluidRegion<'a> {
     }
 
     /// The end (um) of a path of Brownian motion with constant velocity that starts at `from` and would end
-    /// at `to` (um) without walls; `variance`: that of the displacement along a normal, um^2. The law at a
+    /// at `to` (um) without walls; `variance`: of the displacement along a normal, um^2. The law at a
     /// plane wall is exact (Skorokhod's reflection: the path is moved by its deepest place behind the wall,
     /// which is drawn given its ends), so that settling particles have Boltzmann's profile above a wall.
     /// Bodies are not considered.

@@ -57,7 +57,7 @@ pub(super) struct Evaluate {
     /// Coordinate of the first pixel's center in the result [default: that of the format]
     #[arg(long, value_parser = choice::<Origin>())]
     origin: Option<Origin>,
-    /// Unit of x and y in the result [default: as stated in it, or that of the format]
+    /// Unit of x and y in the result [default: as stated in it, or the unit of the format]
     #[arg(long, value_parser = choice::<LengthUnit>())]
     unit: Option<LengthUnit>,
     /// Direction of the y axis in the result [default: down]

@@ -383,7 +383,7 @@ fn linear(counts: &[f64], shape: &[f64], roots: &[f64]) -> (f64, f64) {
     ((cs * w - c1 * s1) / determinant, (c1 * ss - cs * s1) / determinant)
 }
 
-/// Light and background of a plane. The variance of a pixel is that of the model's count: with that of the observed count
+/// Light and background of a plane. The variance of a pixel follows from the count of the model: from the observed count
 /// (Neyman's chi-squared), pixels that are dark by chance weigh more, and light is lost at the rims of images.
 fn see(data: &Data, shape: &[f64]) -> Seen {
     let weigh = |light: f64| -> Vec<f64> {
