@@ -4,16 +4,7 @@
 //! 167 (1986) 353). Its curl is k u, so it is a steady solution of the Euler equations. If one of A, B and C
 //! is zero, the velocity component that does not contain it is invariant along every trajectory.
 
-use super::MID_DEPTH;
-use super::ROUNDING_MARGIN;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use glam::DVec3;
-use std::f64::consts::PI;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("abc");
 
@@ -31,24 +22,12 @@ params! {
     }
 }
 
-impl FieldParameters for AbcParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "abc",
-        formula: "u = (A sin kz + C cos ky, B sin kx + A cos kz, C sin ky + B cos kx)",
-        parameters: Self::PARAMETERS,
-        source: "Dombre et al., J. Fluid Mech. 167 (1986) 353",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("two", || Self { amplitudes_um_s: [600.0, 500.0, 0.0], ..Default::default() }.build())],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Abc::new(self)?))
-    }
+entry! {
+    AbcParams => Abc::new, "abc", XY;
+    "u = (A sin kz + C cos ky, B sin kx + A cos kz, C sin ky + B cos kx)";
+    "Dombre et al., J. Fluid Mech. 167 (1986) 353";
+    [("two", || Self { amplitudes_um_s: [600.0, 500.0, 0.0], ..Default::default() }.build())];
+    center_um: middle;
 }
 
 /// An Arnold-Beltrami-Childress flow.
@@ -85,6 +64,7 @@ impl Formula for Abc {
 
 impl VelocityField for Abc {
     by_formula!();
+    facts!(divergence_free, steady);
 
     fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
         let u = self.value(x, t);
@@ -95,14 +75,6 @@ impl VelocityField for Abc {
         } else {
             (self.b == 0.0).then_some(u.x)
         }
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {

@@ -16,18 +16,9 @@
 //! W/2, tan(k y') grows exponentially. This is a velocity of particles relative to the fluid: add it to a
 //! flow.
 
-use super::ROUNDING_MARGIN;
 use super::plates::{Plates, inside};
+use super::prelude::*;
 use super::sinusoid::sine_displacement;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
-use glam::DVec3;
-use std::f64::consts::PI;
 use std::sync::Arc;
 
 const STREAMING: ParameterCheck = ParameterCheck("rayleigh_streaming");
@@ -54,24 +45,12 @@ params! {
     }
 }
 
-impl FieldParameters for RayleighStreamingParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "rayleigh_streaming",
-        formula: "u_y = F' S, u_z = -F S', F = b (z cosh Kz - h coth(Kh) sinh Kz), S = -sin(K (y + W/2))",
-        parameters: Self::PARAMETERS,
-        source: "Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006",
-        plane: PlotPlane::YZ,
-        make: || Self::default().build(),
-        variants: &[("three half waves", || Self { half_waves: 3, ..Default::default() }.build())],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.walls_z_um.get_or_insert(depths.walls());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(RayleighStreaming::new(self)?))
-    }
+entry! {
+    RayleighStreamingParams => RayleighStreaming::new, "rayleigh_streaming", YZ;
+    "u_y = F' S, u_z = -F S', F = b (z cosh Kz - h coth(Kh) sinh Kz), S = -sin(K (y + W/2))";
+    "Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006";
+    [("three half waves", || Self { half_waves: 3, ..Default::default() }.build())];
+    walls_z_um: walls;
 }
 
 params! {
@@ -95,20 +74,10 @@ params! {
     }
 }
 
-impl FieldParameters for AcoustophoresisParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "acoustophoresis",
-        formula: "u_y = v sin(2 k (y + W/2)), v = (2 Phi/3) k (d/2)^2 E / mu",
-        parameters: Self::PARAMETERS,
-        source: "Barnkob et al., Lab Chip 10 (2010) 563",
-        plane: PlotPlane::YZ,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Acoustophoresis::new(self)?))
-    }
+entry! {
+    AcoustophoresisParams => Acoustophoresis::new, "acoustophoresis", YZ;
+    "u_y = v sin(2 k (y + W/2)), v = (2 Phi/3) k (d/2)^2 E / mu";
+    "Barnkob et al., Lab Chip 10 (2010) 563";
 }
 
 /// K = 2 n pi / W (1/um) and y (um) of the side wall with the smaller coordinate.
@@ -195,18 +164,11 @@ impl Formula for RayleighStreaming {
 
 impl VelocityField for RayleighStreaming {
     by_formula!();
+    facts!(divergence_free, steady);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let z = x.z.clamp(self.plates.floor, self.plates.floor + self.plates.depth) - self.plates.middle();
         Some(self.shape(z).0 * libm::sin((x.y - self.side) * self.wavenumber))
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
@@ -265,6 +227,7 @@ impl Formula for Acoustophoresis {
 
 impl VelocityField for Acoustophoresis {
     by_formula!();
+    facts!(steady);
 
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
         let way =
@@ -278,10 +241,6 @@ impl VelocityField for Acoustophoresis {
 
     fn is_divergence_free(&self) -> bool {
         false
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

@@ -10,16 +10,9 @@
 //! short times, where the difference suffers from cancellation, 8-point Gauss quadrature is exact to
 //! rounding.
 
-use super::MID_DEPTH;
-use super::ROUNDING_MARGIN;
 use super::lamb_oseen::PEAK_SPEED;
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
+use super::prelude::*;
 use crate::special::{exponential_integral, gauss_mean, mean_decay, mean_decay_slope};
-use glam::{DMat3, DVec3};
 
 const CHECK: ParameterCheck = ParameterCheck("burgers");
 
@@ -42,24 +35,11 @@ params! {
     }
 }
 
-impl FieldParameters for BurgersParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "burgers",
-        formula: "u_r = -a r/2, u_z = a z, v = G/(2 pi r) (1 - e^(-r^2/rc^2))",
-        parameters: Self::PARAMETERS,
-        source: "Burgers, Adv. Appl. Mech. 1 (1948) 171",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Burgers::new(self)?))
-    }
+entry! {
+    BurgersParams => Burgers::new, "burgers", XY;
+    "u_r = -a r/2, u_z = a z, v = G/(2 pi r) (1 - e^(-r^2/rc^2))";
+    "Burgers, Adv. Appl. Mech. 1 (1948) 171";
+    center_um: middle;
 }
 
 /// A Burgers vortex about an axis along z.
@@ -111,6 +91,8 @@ impl Burgers {
 }
 
 impl VelocityField for Burgers {
+    facts!(divergence_free, steady);
+
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
         let arm = x - self.center;
         let turn = self.spin * mean_decay(self.q(arm));
@@ -149,14 +131,6 @@ impl VelocityField for Burgers {
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let arm = x - self.center;
         Some(arm.truncate().length_squared() * arm.z)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

@@ -9,15 +9,7 @@
 //! Solomon & Gollub, Phys. Rev. A 38 (1988) 6280, whose lateral oscillation causes mixing between cells. u =
 //! U sin kx X cos ky y, v = -U (kx / ky) cos kx X sin ky y.
 
-use super::ROUNDING_MARGIN;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use glam::{DVec2, DVec3};
-use std::f64::consts::PI;
+use super::prelude::*;
 
 const TAYLOR_GREEN: ParameterCheck = ParameterCheck("taylor_green");
 const CELLULAR: ParameterCheck = ParameterCheck("cellular");
@@ -37,20 +29,11 @@ params! {
     }
 }
 
-impl FieldParameters for TaylorGreenParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "taylor_green",
-        formula: "u = U sin kx cos ky e^(-2 nu k^2 t), v = -U cos kx sin ky e^(-2 nu k^2 t)",
-        parameters: Self::PARAMETERS,
-        source: "Taylor & Green, Proc. R. Soc. A 158 (1937) 499",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("steady", || Self { viscosity_um2_s: 0.0, ..Default::default() }.build())],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(TaylorGreen::new(self)?))
-    }
+entry! {
+    TaylorGreenParams => TaylorGreen::new, "taylor_green", XY;
+    "u = U sin kx cos ky e^(-2 nu k^2 t), v = -U cos kx sin ky e^(-2 nu k^2 t)";
+    "Taylor & Green, Proc. R. Soc. A 158 (1937) 499";
+    [("steady", || Self { viscosity_um2_s: 0.0, ..Default::default() }.build())];
 }
 
 params! {
@@ -70,20 +53,11 @@ params! {
     }
 }
 
-impl FieldParameters for CellularParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "cellular",
-        formula: "psi = (U/ky) sin kx X sin ky y, X = x + b sin wt",
-        parameters: Self::PARAMETERS,
-        source: "Solomon & Gollub, Phys. Rev. A 38 (1988) 6280",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("swaying", || Self { sway_um: 15.0, ..Default::default() }.build())],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Cellular::new(self)?))
-    }
+entry! {
+    CellularParams => Cellular::new, "cellular", XY;
+    "psi = (U/ky) sin kx X sin ky y, X = x + b sin wt";
+    "Solomon & Gollub, Phys. Rev. A 38 (1988) 6280";
+    [("swaying", || Self { sway_um: 15.0, ..Default::default() }.build())];
 }
 
 /// Decaying Taylor-Green vortices with axes along z.
@@ -124,14 +98,11 @@ impl Formula for TaylorGreen {
 
 impl VelocityField for TaylorGreen {
     by_formula!();
+    facts!(divergence_free);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let phase = (x.truncate() - self.center) * self.wavenumber;
         Some(libm::sin(phase.x) * libm::sin(phase.y))
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
     }
 
     fn is_steady(&self) -> bool {
@@ -184,14 +155,11 @@ impl Formula for Cellular {
 
 impl VelocityField for Cellular {
     by_formula!();
+    facts!(divergence_free);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let phase = (x.truncate() - self.center) * self.wavenumbers;
         self.is_steady().then(|| libm::sin(phase.x) * libm::sin(phase.y))
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
     }
 
     fn is_steady(&self) -> bool {

@@ -4,16 +4,8 @@
 //! Mechanics, section 17). The flow is steady and fully developed. Trajectories are straight lines at
 //! constant speed. Beyond the plates the velocity is that of the plate.
 
-use super::ROUNDING_MARGIN;
 use super::plates::{Plates, along, direction};
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::DVec3;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("couette_poiseuille");
 
@@ -32,24 +24,11 @@ params! {
     }
 }
 
-impl FieldParameters for CouettePoiseuilleParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "couette_poiseuille",
-        formula: "u = V s + 4 U s (1 - s), s = (z - floor) / depth",
-        parameters: Self::PARAMETERS,
-        source: "Landau & Lifshitz, Fluid Mechanics, 17",
-        plane: PlotPlane::XZ,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.walls_z_um.get_or_insert(depths.walls());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(CouettePoiseuille::new(self)?))
-    }
+entry! {
+    CouettePoiseuilleParams => CouettePoiseuille::new, "couette_poiseuille", XZ;
+    "u = V s + 4 U s (1 - s), s = (z - floor) / depth";
+    "Landau & Lifshitz, Fluid Mechanics, 17";
+    walls_z_um: walls;
 }
 
 /// Flow between a fixed and a moving plate.
@@ -89,21 +68,10 @@ impl Formula for CouettePoiseuille {
 
 impl VelocityField for CouettePoiseuille {
     by_formula!();
-
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        Some(x + self.velocity(x, t0) * (t1 - t0))
-    }
+    facts!(divergence_free, steady, straight);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.z)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

@@ -6,16 +6,7 @@
 //! D 212 (2005) 271; their case is eps = 0.25 and w = 2 pi A). There is no flow through the four sides. With
 //! eps = 0 the stream function sin(pi X) sin(pi Y) is invariant.
 
-use super::ROUNDING_MARGIN;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
-use glam::{DVec2, DVec3};
-use std::f64::consts::PI;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("double_gyre");
 
@@ -36,20 +27,11 @@ params! {
     }
 }
 
-impl FieldParameters for DoubleGyreParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "double_gyre",
-        formula: "u = -U sin(pi f) cos(pi Y), v = U cos(pi f) sin(pi Y) df/dX, f = e X^2 + (1 - 2e) X, e = eps sin wt",
-        parameters: Self::PARAMETERS,
-        source: "Shadden, Lekien & Marsden, Physica D 212 (2005) 271",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("steady", || Self { epsilon: 0.0, ..Default::default() }.build())],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(DoubleGyre::new(self)?))
-    }
+entry! {
+    DoubleGyreParams => DoubleGyre::new, "double_gyre", XY;
+    "u = -U sin(pi f) cos(pi Y), v = U cos(pi f) sin(pi Y) df/dX, f = e X^2 + (1 - 2e) X, e = eps sin wt";
+    "Shadden, Lekien & Marsden, Physica D 212 (2005) 271";
+    [("steady", || Self { epsilon: 0.0, ..Default::default() }.build())];
 }
 
 /// A double gyre in the xy-plane.
@@ -92,14 +74,11 @@ impl Formula for DoubleGyre {
 
 impl VelocityField for DoubleGyre {
     by_formula!();
+    facts!(divergence_free);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let phase = (x.truncate() - self.corner) * (PI / self.size);
         self.is_steady().then(|| libm::sin(phase.x) * libm::sin(phase.y))
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
     }
 
     fn is_steady(&self) -> bool {

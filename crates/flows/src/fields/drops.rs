@@ -22,16 +22,8 @@
 //! the surface the velocity is that at the surface. Beyond 0.98 R, and once the drop is dry, the velocity is
 //! zero: tracers are deposited there.
 
-use super::ON_FLOOR;
-use super::ROUNDING_MARGIN;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::{ParabolicCap, Wall};
-use glam::{DVec2, DVec3};
+use super::prelude::*;
+use crate::wall::ParabolicCap;
 
 const TOROIDAL: ParameterCheck = ParameterCheck("toroidal_drop");
 const COFFEE: ParameterCheck = ParameterCheck("coffee_ring");
@@ -57,24 +49,11 @@ params! {
     }
 }
 
-impl FieldParameters for ToroidalDropParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "toroidal_drop",
-        formula: "psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, s = 1 - rho^2/R^2",
-        parameters: Self::PARAMETERS,
-        source: "a model made for this program",
-        plane: PlotPlane::XZ,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.floor());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(ToroidalDrop::new(self)?))
-    }
+entry! {
+    ToroidalDropParams => ToroidalDrop::new, "toroidal_drop", XZ;
+    "psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, s = 1 - rho^2/R^2";
+    "a model made for this program";
+    center_um: floor;
 }
 
 params! {
@@ -93,24 +72,11 @@ params! {
     }
 }
 
-impl FieldParameters for CoffeeRingParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "coffee_ring",
-        formula: "u_rho = 3 U (Z - Z^2/2), U = R^2/(4 rho (tf - t)) (s^-1/2 - s), Z = z/h, h = h0 (1 - t/tf) s",
-        parameters: Self::PARAMETERS,
-        source: "Deegan et al., Phys. Rev. E 62 (2000) 756",
-        plane: PlotPlane::XZ,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.floor());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(CoffeeRing::new(self)?))
-    }
+entry! {
+    CoffeeRingParams => CoffeeRing::new, "coffee_ring", XZ;
+    "u_rho = 3 U (Z - Z^2/2), U = R^2/(4 rho (tf - t)) (s^-1/2 - s), Z = z/h, h = h0 (1 - t/tf) s";
+    "Deegan et al., Phys. Rev. E 62 (2000) 756";
+    center_um: floor;
 }
 
 /// A point relative to the center of the drop on the floor, and s there.
@@ -160,20 +126,13 @@ impl Formula for ToroidalDrop {
 
 impl VelocityField for ToroidalDrop {
     by_formula!();
+    facts!(divergence_free, steady);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let ([_, _, z], s) = place(&self.cap, x.to_array());
         let h0 = self.cap.height;
         let inside = s > 0.0 && (0.0..=BEYOND * h0 * s).contains(&z);
         Some(if inside { (1.0 - s) * s * z * z * (h0 * s - z) / (h0 * h0 * h0) } else { 0.0 })
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
@@ -245,10 +204,7 @@ impl Formula for CoffeeRing {
 
 impl VelocityField for CoffeeRing {
     by_formula!();
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
+    facts!(divergence_free);
 
     fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64 {
         let (early, late) = (t0.min(t1), t0.max(t1));

@@ -13,17 +13,8 @@
 //! 3e-8 of the maximum speed, at the side walls. The flow is steady and fully developed; trajectories are
 //! straight lines. Outside the duct the velocity is zero.
 
-use super::CHANNEL;
-use super::ROUNDING_MARGIN;
+use super::prelude::*;
 use super::speed::Speed;
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
-use glam::{DMat3, DVec2, DVec3};
-use std::f64::consts::PI;
 
 const CHECK: ParameterCheck = ParameterCheck("duct");
 
@@ -55,27 +46,19 @@ params! {
     }
 }
 
-impl FieldParameters for DuctParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "duct",
-        formula: "u = Boussinesq series of a rectangular duct along x",
-        parameters: Self::PARAMETERS,
-        source: "Bruus, Theoretical Microfluidics, 3.4.6",
-        plane: PlotPlane::YZ,
-        make: || Self::default().build(),
-        variants: &[("deep", || Self { width_um: 60.0, ..Default::default() }.build())],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.walls_z_um.get_or_insert(depths.walls());
-        // `build` reports values that cannot be converted.
-        if let Ok(max) = Duct::new(self).map(|duct| duct.max_speed) {
-            (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+entry! {
+    DuctParams => Duct::new, "duct", YZ;
+    "u = Boussinesq series of a rectangular duct along x";
+    "Bruus, Theoretical Microfluidics, 3.4.6";
+    [("deep", || Self { width_um: 60.0, ..Default::default() }.build())];
+    {
+        fn fit_to(&mut self, depths: DepthRange) {
+            self.walls_z_um.get_or_insert(depths.walls());
+            // `build` reports values that cannot be converted.
+            if let Ok(max) = Duct::new(self).map(|duct| duct.max_speed) {
+                (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+            }
         }
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Duct::new(self)?))
     }
 }
 
@@ -181,6 +164,8 @@ impl Duct {
 }
 
 impl VelocityField for Duct {
+    facts!(divergence_free, steady, straight);
+
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
         DVec3::X * self.speed(x).0
     }
@@ -190,20 +175,8 @@ impl VelocityField for Duct {
         DMat3::from_cols(DVec3::ZERO, DVec3::X * slope.x, DVec3::X * slope.y)
     }
 
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        Some(x + self.velocity(x, t0) * (t1 - t0))
-    }
-
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(self.speed(x).0)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

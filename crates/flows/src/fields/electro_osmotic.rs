@@ -9,16 +9,8 @@
 //! layer u = U (1 - 6 s (1 - s)), which is zero at s = (1 +- 1/sqrt 3) / 2. Trajectories are straight lines.
 //! Beyond the plates the velocity is zero.
 
-use super::ROUNDING_MARGIN;
 use super::plates::{Plates, along, direction, inside};
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::DVec3;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("electro_osmotic");
 
@@ -39,27 +31,15 @@ params! {
     }
 }
 
-impl FieldParameters for ElectroOsmoticParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "electro_osmotic",
-        formula: "u = U (1 - cosh(z/l) / cosh(h/l)), closed: minus the parabola of the same mean",
-        parameters: Self::PARAMETERS,
-        source: "Bruus, Theoretical Microfluidics, 9.2",
-        plane: PlotPlane::XZ,
-        make: || Self::default().build(),
-        variants: &[
-            ("closed", || Self { closed: true, ..Default::default() }.build()),
-            ("thick layer", || Self { debye_length_um: 5.0, closed: true, ..Default::default() }.build()),
-        ],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.walls_z_um.get_or_insert(depths.walls());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(ElectroOsmotic::new(self)?))
-    }
+entry! {
+    ElectroOsmoticParams => ElectroOsmotic::new, "electro_osmotic", XZ;
+    "u = U (1 - cosh(z/l) / cosh(h/l)), closed: minus the parabola of the same mean";
+    "Bruus, Theoretical Microfluidics, 9.2";
+    [
+        ("closed", || Self { closed: true, ..Default::default() }.build()),
+        ("thick layer", || Self { debye_length_um: 5.0, closed: true, ..Default::default() }.build()),
+    ];
+    walls_z_um: walls;
 }
 
 /// Electro-osmotic flow in a plane channel.
@@ -116,21 +96,10 @@ impl Formula for ElectroOsmotic {
 
 impl VelocityField for ElectroOsmotic {
     by_formula!();
-
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        Some(x + self.velocity(x, t0) * (t1 - t0))
-    }
+    facts!(divergence_free, steady, straight);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.z)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

@@ -8,16 +8,8 @@
 //! the stream function Y (1 - a^2 / r^2) is invariant. Inside the pillar and beyond the plates the velocity
 //! is zero.
 
-use super::ROUNDING_MARGIN;
 use super::plates::Plates;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::{DVec2, DVec3};
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("hele_shaw");
 
@@ -37,24 +29,11 @@ params! {
     }
 }
 
-impl FieldParameters for HeleShawParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "hele_shaw",
-        formula: "u = 6 s (1 - s) U (1 - a^2 (X^2 - Y^2)/r^4, -2 a^2 X Y/r^4, 0)",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 4.8",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.walls_z_um.get_or_insert(depths.walls());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(HeleShaw::new(self)?))
-    }
+entry! {
+    HeleShawParams => HeleShaw::new, "hele_shaw", XY;
+    "u = 6 s (1 - s) U (1 - a^2 (X^2 - Y^2)/r^4, -2 a^2 X Y/r^4, 0)";
+    "Batchelor, An Introduction to Fluid Dynamics, 4.8";
+    walls_z_um: walls;
 }
 
 /// Flow along x around a pillar between two plates.
@@ -95,18 +74,11 @@ impl Formula for HeleShaw {
 
 impl VelocityField for HeleShaw {
     by_formula!();
+    facts!(divergence_free, steady);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let arm = x.truncate() - self.center;
         Some(arm.y * (1.0 - self.radius * self.radius / arm.length_squared()).max(0.0))
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

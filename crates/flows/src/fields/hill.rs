@@ -10,15 +10,7 @@
 //! outside. The inner part is also the circulation in a drop (Hadamard and Rybczynski). In the laboratory
 //! frame U is added and the center moves.
 
-use super::MID_DEPTH;
-use super::{JUMP_STEP, ROUNDING_MARGIN};
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::{Axis, Region};
-use glam::DVec3;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("hill");
 
@@ -40,24 +32,12 @@ params! {
     }
 }
 
-impl FieldParameters for HillParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "hill",
-        formula: "Hill's spherical vortex: u_rho = 3 U rho s/(2 a^2), u_s = 3 U (a^2 - 2 rho^2 - s^2)/(2 a^2) inside, a dipole flow outside",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 7.2",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("moving", || Self { moving: true, axis: Axis::Z, ..Default::default() }.build())],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Hill::new(self)?))
-    }
+entry! {
+    HillParams => Hill::new, "hill", XY;
+    "Hill's spherical vortex: u_rho = 3 U rho s/(2 a^2), u_s = 3 U (a^2 - 2 rho^2 - s^2)/(2 a^2) inside, a dipole flow outside";
+    "Batchelor, An Introduction to Fluid Dynamics, 7.2";
+    [("moving", || Self { moving: true, axis: Axis::Z, ..Default::default() }.build())];
+    center_um: middle;
 }
 
 /// Hill's spherical vortex.
@@ -108,6 +88,7 @@ impl Formula for Hill {
 
 impl VelocityField for Hill {
     by_formula!();
+    facts!(divergence_free);
 
     fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
         let arm = x - self.center(t);
@@ -119,10 +100,6 @@ impl VelocityField for Hill {
         } else {
             -0.5 * self.speed * rho2 * (1.0 - 1.0 / (share * share * share))
         })
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
     }
 
     fn is_steady(&self) -> bool {

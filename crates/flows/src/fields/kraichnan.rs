@@ -12,17 +12,10 @@
 //! Mode n is drawn from the stream (`Seeding`, 2^32 - 1, n) of the field's own seed: a field with fewer modes
 //! has the first modes of one with more.
 
-use super::ROUNDING_MARGIN;
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
+use super::prelude::*;
 use crate::sincos::sines_and_cosines;
-use glam::{DMat3, DVec3};
 use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Stream, Streams};
-use std::f64::consts::PI;
 
 const CHECK: ParameterCheck = ParameterCheck("kraichnan");
 
@@ -51,29 +44,21 @@ params! {
     }
 }
 
-impl FieldParameters for KraichnanParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "kraichnan",
-        formula: "u = SUM a_n cos(k_n.x + w_n t) + b_n sin(k_n.x + w_n t)",
-        parameters: Self::PARAMETERS,
-        source: "Kraichnan, Phys. Fluids 13 (1970) 22",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[
-            ("plane", || Self { dimensions: 2, ..Default::default() }.build()),
-            ("unsteady periodic", || {
-                Self { unsteadiness: 0.5, period_um: [400.0, 400.0, 200.0], modes: 60, ..Default::default() }
-                    .build()
-            }),
-        ],
-    };
-
-    fn seed(&mut self) -> Option<&mut u64> {
-        Some(&mut self.seed)
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Kraichnan::new(self)?))
+entry! {
+    KraichnanParams => Kraichnan::new, "kraichnan", XY;
+    "u = SUM a_n cos(k_n.x + w_n t) + b_n sin(k_n.x + w_n t)";
+    "Kraichnan, Phys. Fluids 13 (1970) 22";
+    [
+        ("plane", || Self { dimensions: 2, ..Default::default() }.build()),
+        ("unsteady periodic", || {
+            Self { unsteadiness: 0.5, period_um: [400.0, 400.0, 200.0], modes: 60, ..Default::default() }
+                .build()
+        }),
+    ];
+    {
+        fn seed(&mut self) -> Option<&mut u64> {
+            Some(&mut self.seed)
+        }
     }
 }
 
@@ -213,6 +198,8 @@ fn total(lanes: [[f64; LANES]; 3]) -> DVec3 {
 }
 
 impl VelocityField for Kraichnan {
+    facts!(divergence_free);
+
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
         // The widest vector instructions of this machine; the sums are the same bit for bit.
         pulp::Arch::new().dispatch(VelocitySum(self, x, t))
@@ -220,10 +207,6 @@ impl VelocityField for Kraichnan {
 
     fn gradient(&self, x: DVec3, t: f64) -> DMat3 {
         pulp::Arch::new().dispatch(GradientSum(self, x, t))
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
     }
 
     fn is_steady(&self) -> bool {

@@ -12,15 +12,8 @@
 //!
 //! Other image generators use the same name for vortices with different formulas.
 
-use super::ROUNDING_MARGIN;
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
+use super::prelude::*;
 use crate::special::{exponential_integral, gauss_mean, mean_decay, mean_decay_slope};
-use glam::{DMat3, DVec2, DVec3};
-use std::f64::consts::PI;
 
 const CHECK: ParameterCheck = ParameterCheck("lamb_oseen");
 
@@ -49,27 +42,18 @@ params! {
     }
 }
 
-impl FieldParameters for LambOseenParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "lamb_oseen",
-        formula: "v = G/(2 pi r) (1 - e^(-r^2/s)), s = rc^2 + 4 nu t",
-        parameters: Self::PARAMETERS,
-        source: "Saffman, Vortex Dynamics, 13.1",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[
-            ("slow", || {
-                Self { viscosity_um2_s: 1e3, center_um: [20.0, -10.0], ..Default::default() }.build()
-            }),
-            ("in water", || {
-                Self { viscosity_um2_s: 1e6, center_um: [20.0, -10.0], ..Default::default() }.build()
-            }),
-        ],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(LambOseen::from_params(self)?))
-    }
+entry! {
+    LambOseenParams => LambOseen::from_params, "lamb_oseen", XY;
+    "v = G/(2 pi r) (1 - e^(-r^2/s)), s = rc^2 + 4 nu t";
+    "Saffman, Vortex Dynamics, 13.1";
+    [
+        ("slow", || {
+            Self { viscosity_um2_s: 1e3, center_um: [20.0, -10.0], ..Default::default() }.build()
+        }),
+        ("in water", || {
+            Self { viscosity_um2_s: 1e6, center_um: [20.0, -10.0], ..Default::default() }.build()
+        }),
+    ];
 }
 
 /// A Lamb-Oseen vortex about an axis along z.
@@ -155,6 +139,8 @@ impl LambOseen {
 }
 
 impl VelocityField for LambOseen {
+    facts!(divergence_free);
+
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
         let arm = self.arm(x);
         (arm.perp() * self.angular_velocity(arm.length_squared(), self.spread(t))).extend(0.0)
@@ -191,10 +177,6 @@ impl VelocityField for LambOseen {
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(self.arm(x).length())
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
     }
 
     fn is_steady(&self) -> bool {

@@ -5,14 +5,7 @@
 //! (Moler & Van Loan, "Nineteen dubious ways to compute the exponential of a matrix", SIAM Review 45 (2003),
 //! section 3: scaling and squaring). The gradient is A everywhere.
 
-use super::ROUNDING_MARGIN;
-use super::{MID_DEPTH, ON_FLOOR};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::{Axis, Region};
-use glam::{DMat3, DVec3};
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("linear");
 
@@ -24,20 +17,10 @@ params! {
     }
 }
 
-impl FieldParameters for UniformParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "uniform",
-        formula: "u = U",
-        parameters: Self::PARAMETERS,
-        source: "any textbook",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Linear::from_uniform(self)?))
-    }
+entry! {
+    UniformParams => Linear::from_uniform, "uniform", XY;
+    "u = U";
+    "any textbook";
 }
 
 params! {
@@ -56,26 +39,14 @@ params! {
     }
 }
 
-impl FieldParameters for ShearParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "shear",
-        formula: "u = g (s - s0), along one axis and growing along another",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
-        plane: PlotPlane::XZ,
-        make: || Self::default().build(),
-        variants: &[("xy", || {
+entry! {
+    ShearParams => Linear::from_shear, "shear", XZ;
+    "u = g (s - s0), along one axis and growing along another";
+    "Batchelor, An Introduction to Fluid Dynamics, 2.3";
+    [("xy", || {
             Self { across: Axis::Y, center_um: Some([0.0; 3]), ..Default::default() }.build()
-        })],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.floor());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Linear::from_shear(self)?))
-    }
+        })];
+    center_um: floor;
 }
 
 params! {
@@ -90,26 +61,14 @@ params! {
     }
 }
 
-impl FieldParameters for RotationParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "rotation",
-        formula: "u = omega x (x - c)",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("oblique", || {
+entry! {
+    RotationParams => Linear::from_rotation, "rotation", XY;
+    "u = omega x (x - c)";
+    "Batchelor, An Introduction to Fluid Dynamics, 2.3";
+    [("oblique", || {
             Self { omega_rad_s: [1.0, 2.0, 8.0], center_um: Some([20.0, -10.0, -30.0]) }.build()
-        })],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Linear::from_rotation(self)?))
-    }
+        })];
+    center_um: middle;
 }
 
 /// Kinds of strain.
@@ -141,24 +100,12 @@ params! {
     }
 }
 
-impl FieldParameters for StrainParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "strain",
-        formula: "planar: u = e (x, -y, 0); uniaxial along x: u = e (x, -y/2, -z/2)",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("uniaxial", || Self { kind: Strain::UniaxialZ, ..Default::default() }.build())],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Linear::from_strain(self)?))
-    }
+entry! {
+    StrainParams => Linear::from_strain, "strain", XY;
+    "planar: u = e (x, -y, 0); uniaxial along x: u = e (x, -y/2, -z/2)";
+    "Batchelor, An Introduction to Fluid Dynamics, 2.3";
+    [("uniaxial", || Self { kind: Strain::UniaxialZ, ..Default::default() }.build())];
+    center_um: middle;
 }
 
 params! {
@@ -173,24 +120,11 @@ params! {
     }
 }
 
-impl FieldParameters for DilatationParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "dilatation",
-        formula: "u = e (x - c)",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Linear::from_dilatation(self)?))
-    }
+entry! {
+    DilatationParams => Linear::from_dilatation, "dilatation", XY;
+    "u = e (x - c)";
+    "Batchelor, An Introduction to Fluid Dynamics, 2.3";
+    center_um: middle;
 }
 
 params! {
@@ -207,31 +141,19 @@ params! {
     }
 }
 
-impl FieldParameters for LinearParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "linear",
-        formula: "u = U + A (x - c)",
-        parameters: Self::PARAMETERS,
-        source: "Moler & Van Loan, SIAM Review 45 (2003) 3, for its trajectories",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("oblique", || {
+entry! {
+    LinearParams => Linear::from_params, "linear", XY;
+    "u = U + A (x - c)";
+    "Moler & Van Loan, SIAM Review 45 (2003) 3, for its trajectories";
+    [("oblique", || {
             Self {
                 velocity_um_s: [300.0, 0.0, 50.0],
                 gradient_per_s: [[3.0, -4.0, 0.3], [1.0, -5.0, 2.0], [-2.0, 0.5, 2.0]],
                 ..Default::default()
             }
             .build()
-        })],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Linear::from_params(self)?))
-    }
+        })];
+    center_um: middle;
 }
 
 /// A steady velocity field that is linear in space, with its exact trajectories.
@@ -359,6 +281,8 @@ impl Linear {
 }
 
 impl VelocityField for Linear {
+    facts!(steady);
+
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
         self.velocity + self.gradient * (x - self.center)
     }
@@ -390,10 +314,6 @@ impl VelocityField for Linear {
         let diagonal = DVec3::from_array(std::array::from_fn(|i| self.gradient.col(i)[i]));
         // Rates given as decimals may not cancel exactly.
         diagonal.element_sum().abs() <= 1e-14 * diagonal.abs().element_sum()
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, region: &Region, t0: f64, _t1: f64) -> f64 {

@@ -136,6 +136,85 @@ macro_rules! for_each_field {
     };
 }
 
+/// What the files of the fields have in common.
+pub(in crate::fields) mod prelude {
+    pub(in crate::fields) use super::{
+        CHANNEL, JUMP_STEP, MID_DEPTH, ON_FLOOR, ROUNDING_MARGIN, entry, facts,
+    };
+    pub(in crate::fields) use crate::dual::{Formula, Real, by_formula};
+    pub(in crate::fields) use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+    pub(in crate::fields) use crate::error::{ParameterCheck, Result};
+    pub(in crate::fields) use crate::field::VelocityField;
+    pub(in crate::fields) use crate::params::params;
+    pub(in crate::fields) use crate::region::{Axis, Region};
+    pub(in crate::fields) use crate::wall::Wall;
+    pub(in crate::fields) use glam::{DMat3, DVec2, DVec3};
+    pub(in crate::fields) use std::f64::consts::PI;
+}
+
+/// The entry of a field in the registry and its construction: parameters, constructor, name, plane of its plot; formula;
+/// source; variants; parameters that are derived from the depth range unless they are given, or functions of the trait.
+macro_rules! entry {
+    (
+        $parameters:ident => $new:path, $name:literal, $plane:ident;
+        $formula:literal;
+        $source:literal;
+        $([$($variant:tt)*];)?
+        $($derived:ident: $from:ident;)*
+        $({ $($function:tt)* })?
+    ) => {
+        impl FieldParameters for $parameters {
+            const ENTRY: FieldEntry = FieldEntry {
+                name: $name,
+                formula: $formula,
+                parameters: Self::PARAMETERS,
+                source: $source,
+                plane: PlotPlane::$plane,
+                make: || Self::default().build(),
+                variants: &[$($($variant)*)?],
+            };
+
+            fn build(&self) -> Result<Box<dyn VelocityField>> {
+                Ok(Box::new($new(self)?))
+            }
+
+            entry!(@fit_to $($derived: $from)*);
+            $($($function)*)?
+        }
+    };
+    (@fit_to) => {};
+    (@fit_to $($derived:ident: $from:ident)+) => {
+        fn fit_to(&mut self, depths: DepthRange) {
+            $(self.$derived.get_or_insert(depths.$from());)+
+        }
+    };
+}
+use entry;
+
+/// Properties of a velocity field: `divergence_free`, `steady`, and `straight`, if its trajectories are straight lines at constant
+/// speed.
+macro_rules! facts {
+    (@ divergence_free) => {
+        fn is_divergence_free(&self) -> bool {
+            true
+        }
+    };
+    (@ steady) => {
+        fn is_steady(&self) -> bool {
+            true
+        }
+    };
+    (@ straight) => {
+        fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+            Some(x + self.velocity(x, t0) * (t1 - t0))
+        }
+    };
+    ($($fact:ident),+) => {
+        $(facts!(@ $fact);)+
+    };
+}
+use facts;
+
 /// Floor and ceiling of the default channel, um: the default walls of a field.
 const CHANNEL: [f64; 2] = [-80.0, 20.0];
 

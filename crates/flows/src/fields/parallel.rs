@@ -5,14 +5,7 @@
 //! Hydrodynamic Stability, section 31). Both are steady; trajectories are straight lines at constant speed.
 //! The instabilities of these profiles are not modeled.
 
-use super::ROUNDING_MARGIN;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use glam::DVec3;
+use super::prelude::*;
 
 const TANH_LAYER: ParameterCheck = ParameterCheck("tanh_layer");
 const BICKLEY_JET: ParameterCheck = ParameterCheck("bickley_jet");
@@ -32,20 +25,10 @@ params! {
     }
 }
 
-impl FieldParameters for TanhLayerParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "tanh_layer",
-        formula: "u = Um + (dU/2) tanh(2 y / delta)",
-        parameters: Self::PARAMETERS,
-        source: "Michalke, J. Fluid Mech. 19 (1964) 543",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(TanhLayer::new(self)?))
-    }
+entry! {
+    TanhLayerParams => TanhLayer::new, "tanh_layer", XY;
+    "u = Um + (dU/2) tanh(2 y / delta)";
+    "Michalke, J. Fluid Mech. 19 (1964) 543";
 }
 
 params! {
@@ -61,20 +44,10 @@ params! {
     }
 }
 
-impl FieldParameters for BickleyJetParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "bickley_jet",
-        formula: "u = U / cosh^2(y / L)",
-        parameters: Self::PARAMETERS,
-        source: "Drazin & Reid, Hydrodynamic Stability, 31",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(BickleyJet::new(self)?))
-    }
+entry! {
+    BickleyJetParams => BickleyJet::new, "bickley_jet", XY;
+    "u = U / cosh^2(y / L)";
+    "Drazin & Reid, Hydrodynamic Stability, 31";
 }
 
 /// A shear layer along x between two streams.
@@ -113,21 +86,10 @@ impl Formula for TanhLayer {
 
 impl VelocityField for TanhLayer {
     by_formula!();
-
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        Some(x + self.value(x, t0) * (t1 - t0))
-    }
+    facts!(divergence_free, steady, straight);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.y - self.center)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
@@ -166,21 +128,10 @@ impl Formula for BickleyJet {
 
 impl VelocityField for BickleyJet {
     by_formula!();
-
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        Some(x + self.value(x, t0) * (t1 - t0))
-    }
+    facts!(divergence_free, steady, straight);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.y - self.center)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

@@ -1,11 +1,6 @@
 //! The gap between two parallel plates and a direction along them, shared by the plane channel flows.
 
-use super::CHANNEL;
-use crate::dual::Real;
-use crate::error::{ParameterCheck, Result};
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
-use glam::DVec3;
+use super::prelude::*;
 
 /// Two plates normal to z.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,16 +5,8 @@
 //! steady and fully developed; side walls are neglected. Trajectories are straight lines at constant speed.
 //! Beyond the plates the velocity is zero.
 
-use super::CHANNEL;
-use super::ROUNDING_MARGIN;
+use super::prelude::*;
 use super::speed::Speed;
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
-use glam::{DMat3, DVec3};
 
 const CHECK: ParameterCheck = ParameterCheck("poiseuille");
 
@@ -41,28 +33,20 @@ params! {
     }
 }
 
-impl FieldParameters for PoiseuilleParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "poiseuille",
-        formula: "u = 4 U s (1 - s), s = (z - floor) / depth",
-        parameters: Self::PARAMETERS,
-        source: "Landau & Lifshitz, Fluid Mechanics, 17",
-        plane: PlotPlane::XZ,
-        make: || Self::default().build(),
-        variants: &[("diagonal", || Self { direction_rad: 0.3, ..Default::default() }.build())],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.walls_z_um.get_or_insert(depths.walls());
-        // `build` reports values that cannot be converted.
-        if let Ok(max) = self.max_speed() {
-            (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
-            self.width_um = None;
+entry! {
+    PoiseuilleParams => Poiseuille::from_params, "poiseuille", XZ;
+    "u = 4 U s (1 - s), s = (z - floor) / depth";
+    "Landau & Lifshitz, Fluid Mechanics, 17";
+    [("diagonal", || Self { direction_rad: 0.3, ..Default::default() }.build())];
+    {
+        fn fit_to(&mut self, depths: DepthRange) {
+            self.walls_z_um.get_or_insert(depths.walls());
+            // `build` reports values that cannot be converted.
+            if let Ok(max) = self.max_speed() {
+                (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+                self.width_um = None;
+            }
         }
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Poiseuille::from_params(self)?))
     }
 }
 
@@ -133,6 +117,8 @@ impl Poiseuille {
 }
 
 impl VelocityField for Poiseuille {
+    facts!(divergence_free, steady, straight);
+
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
         self.direction * self.speed(self.height(x.z))
     }
@@ -144,20 +130,8 @@ impl VelocityField for Poiseuille {
         DMat3::from_cols(DVec3::ZERO, DVec3::ZERO, along_z)
     }
 
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        Some(x + self.velocity(x, t0) * (t1 - t0))
-    }
-
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.z)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

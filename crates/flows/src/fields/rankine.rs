@@ -3,13 +3,7 @@
 //! v(r) = V r / R for r < R and V R / r outside (Saffman, Vortex Dynamics, section 2.3), V = G / (2 pi R)
 //! being the maximum speed. The flow is steady; the gradient is discontinuous at R. Trajectories are circles.
 
-use super::ROUNDING_MARGIN;
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use glam::{DMat3, DVec2, DVec3};
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("rankine");
 
@@ -26,20 +20,10 @@ params! {
     }
 }
 
-impl FieldParameters for RankineParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "rankine",
-        formula: "v = V r/R inside, V R/r outside",
-        parameters: Self::PARAMETERS,
-        source: "Saffman, Vortex Dynamics, 2.3",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Rankine::new(self)?))
-    }
+entry! {
+    RankineParams => Rankine::new, "rankine", XY;
+    "v = V r/R inside, V R/r outside";
+    "Saffman, Vortex Dynamics, 2.3";
 }
 
 /// A Rankine vortex about an axis along z.
@@ -67,6 +51,8 @@ impl Rankine {
 }
 
 impl VelocityField for Rankine {
+    facts!(divergence_free, steady);
+
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
         let arm = x.truncate() - self.center;
         (arm.perp() * self.angular_velocity(arm.length_squared())).extend(0.0)
@@ -95,14 +81,6 @@ impl VelocityField for Rankine {
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some((x.truncate() - self.center).length())
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

@@ -6,15 +6,7 @@
 //! - longitudinal: u = A sin(k x + p). Not divergence-free; with a = k x + p, tan(a/2) grows as e^(k A t).
 //! - product: u = A sin(k x + p) sin(k y + p). As longitudinal, with an amplitude that depends on y.
 
-use super::ROUNDING_MARGIN;
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use glam::DVec3;
-use std::f64::consts::PI;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("sinusoid");
 
@@ -45,23 +37,14 @@ params! {
     }
 }
 
-impl FieldParameters for SinusoidParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "sinusoid",
-        formula: "transverse u = A sin(ky + p); longitudinal A sin(kx + p); product A sin(kx + p) sin(ky + p)",
-        parameters: Self::PARAMETERS,
-        source: "the usual test of the response of PIV to wavelength",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[
-            ("longitudinal", || Self { variation: Variation::Longitudinal, ..Default::default() }.build()),
-            ("product", || Self { variation: Variation::Product, ..Default::default() }.build()),
-        ],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Sinusoid::new(self)?))
-    }
+entry! {
+    SinusoidParams => Sinusoid::new, "sinusoid", XY;
+    "transverse u = A sin(ky + p); longitudinal A sin(kx + p); product A sin(kx + p) sin(ky + p)";
+    "the usual test of the response of PIV to wavelength";
+    [
+        ("longitudinal", || Self { variation: Variation::Longitudinal, ..Default::default() }.build()),
+        ("product", || Self { variation: Variation::Product, ..Default::default() }.build()),
+    ];
 }
 
 /// A velocity along x that varies as a sine.
@@ -108,6 +91,7 @@ impl Formula for Sinusoid {
 
 impl VelocityField for Sinusoid {
     by_formula!();
+    facts!(steady);
 
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
         let amplitude = match self.variation {
@@ -126,10 +110,6 @@ impl VelocityField for Sinusoid {
 
     fn is_divergence_free(&self) -> bool {
         self.variation == Variation::Transverse
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {

@@ -10,17 +10,8 @@
 //! tracers approach the center asymptotically and accumulate in the core; a drain ([`crate::Body::draining`])
 //! that covers the core removes them.
 
-use super::MID_DEPTH;
 use super::plates::Plates;
-use super::{JUMP_STEP, ROUNDING_MARGIN};
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::DVec3;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("source");
 
@@ -56,31 +47,19 @@ params! {
     }
 }
 
-impl FieldParameters for SourceParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "source",
-        formula: "u_r = U (c/r)^(n-1) outside the core, U r/c inside; n = 2 line, 3 point; hele_shaw: times 6 s (1 - s)",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 2.5",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[
-            ("sink", || Self { core_speed_um_s: -1290.0, ..Default::default() }.build()),
-            ("point", || {
-                Self { shape: SourceShape::Point, core_radius_um: 40.0, ..Default::default() }.build()
-            }),
-            ("hele_shaw", || Self { shape: SourceShape::HeleShaw, ..Default::default() }.build()),
-        ],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-        self.walls_z_um.get_or_insert(depths.walls());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Source::new(self)?))
-    }
+entry! {
+    SourceParams => Source::new, "source", XY;
+    "u_r = U (c/r)^(n-1) outside the core, U r/c inside; n = 2 line, 3 point; hele_shaw: times 6 s (1 - s)";
+    "Batchelor, An Introduction to Fluid Dynamics, 2.5";
+    [
+        ("sink", || Self { core_speed_um_s: -1290.0, ..Default::default() }.build()),
+        ("point", || {
+            Self { shape: SourceShape::Point, core_radius_um: 40.0, ..Default::default() }.build()
+        }),
+        ("hele_shaw", || Self { shape: SourceShape::HeleShaw, ..Default::default() }.build()),
+    ];
+    center_um: middle;
+    walls_z_um: walls;
 }
 
 /// A source or sink.
@@ -161,6 +140,7 @@ impl Formula for Source {
 
 impl VelocityField for Source {
     by_formula!();
+    facts!(steady);
 
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
         let arm = self.arm(x);
@@ -180,10 +160,6 @@ impl VelocityField for Source {
 
     fn is_divergence_free(&self) -> bool {
         false
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

@@ -12,16 +12,7 @@
 //!
 //! Inside the bodies the velocity is zero.
 
-use super::MID_DEPTH;
-use super::{JUMP_STEP, ROUNDING_MARGIN};
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::{DVec2, DVec3};
+use super::prelude::*;
 
 const SPHERE: ParameterCheck = ParameterCheck("stokes_sphere");
 const CYLINDER: ParameterCheck = ParameterCheck("stokes_cylinder");
@@ -40,26 +31,14 @@ params! {
     }
 }
 
-impl FieldParameters for StokesSphereParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "stokes_sphere",
-        formula: "u = U - (3a/4) (U/r + x (U.x)/r^3) - (a^3/4) (U/r^3 - 3 x (U.x)/r^5)",
-        parameters: Self::PARAMETERS,
-        source: "Batchelor, An Introduction to Fluid Dynamics, 4.9",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[("oblique", || {
+entry! {
+    StokesSphereParams => StokesSphere::new, "stokes_sphere", XY;
+    "u = U - (3a/4) (U/r + x (U.x)/r^3) - (a^3/4) (U/r^3 - 3 x (U.x)/r^5)";
+    "Batchelor, An Introduction to Fluid Dynamics, 4.9";
+    [("oblique", || {
             Self { velocity_um_s: [900.0, -500.0, 300.0], ..Default::default() }.build()
-        })],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_um.get_or_insert(depths.middle());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(StokesSphere::new(self)?))
-    }
+        })];
+    center_um: middle;
 }
 
 params! {
@@ -77,20 +56,10 @@ params! {
     }
 }
 
-impl FieldParameters for StokesCylinderParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "stokes_cylinder",
-        formula: "psi = (A r + B/r + C r ln(r/a) + D r^3) sin theta between cylinder and cell, uniform beyond",
-        parameters: Self::PARAMETERS,
-        source: "Happel & Brenner, Low Reynolds Number Hydrodynamics, 8-6",
-        plane: PlotPlane::XY,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(StokesCylinder::new(self)?))
-    }
+entry! {
+    StokesCylinderParams => StokesCylinder::new, "stokes_cylinder", XY;
+    "psi = (A r + B/r + C r ln(r/a) + D r^3) sin theta between cylinder and cell, uniform beyond";
+    "Happel & Brenner, Low Reynolds Number Hydrodynamics, 8-6";
 }
 
 /// Creeping flow around a sphere at rest.
@@ -131,6 +100,7 @@ impl Formula for StokesSphere {
 
 impl VelocityField for StokesSphere {
     by_formula!();
+    facts!(divergence_free, steady);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let arm = x - self.center;
@@ -140,14 +110,6 @@ impl VelocityField for StokesSphere {
             .map_or(0.0, |axis| arm.reject_from_normalized(axis).length_squared());
         let ratio = (self.radius / arm.length()).min(1.0);
         Some(0.5 * rho2 * (1.0 - 1.5 * ratio + 0.5 * ratio * ratio * ratio))
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
@@ -246,6 +208,7 @@ impl Formula for StokesCylinder {
 
 impl VelocityField for StokesCylinder {
     by_formula!();
+    facts!(divergence_free, steady);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let arm = (x.truncate() - self.center) / self.radius;
@@ -253,14 +216,6 @@ impl VelocityField for StokesCylinder {
         let r2 = arm.length_squared();
         let ratio = if r2 >= edge * edge { 1.0 } else { self.shape(r2.max(1.0)).0 };
         Some(ratio * arm.y * self.radius)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

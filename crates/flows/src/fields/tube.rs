@@ -4,18 +4,8 @@
 //! flow is steady and fully developed; trajectories are straight lines at constant speed. Outside the tube
 //! the velocity is zero.
 
-use super::ROUNDING_MARGIN;
+use super::prelude::*;
 use super::speed::Speed;
-use super::{CHANNEL, MID_DEPTH};
-use crate::dual::{Formula, Real, by_formula};
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::{DVec2, DVec3};
-use std::f64::consts::PI;
 
 const CHECK: ParameterCheck = ParameterCheck("tube");
 
@@ -41,28 +31,19 @@ params! {
     }
 }
 
-impl FieldParameters for TubeParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "tube",
-        formula: "u = U (1 - r^2 / R^2) along x",
-        parameters: Self::PARAMETERS,
-        source: "Landau & Lifshitz, Fluid Mechanics, 17",
-        plane: PlotPlane::YZ,
-        make: || Self::default().build(),
-        variants: &[],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.center_yz_um.get_or_insert([0.0, depths.middle()[2]]);
-        self.radius_um.get_or_insert(depths.half_depth());
-        // `build` reports values that cannot be converted.
-        if let Ok(max) = self.max_speed() {
-            (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+entry! {
+    TubeParams => Tube::new, "tube", YZ;
+    "u = U (1 - r^2 / R^2) along x";
+    "Landau & Lifshitz, Fluid Mechanics, 17";
+    {
+        fn fit_to(&mut self, depths: DepthRange) {
+            self.center_yz_um.get_or_insert([0.0, depths.middle()[2]]);
+            self.radius_um.get_or_insert(depths.half_depth());
+            // `build` reports values that cannot be converted.
+            if let Ok(max) = self.max_speed() {
+                (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+            }
         }
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Tube::new(self)?))
     }
 }
 
@@ -113,21 +94,10 @@ impl Formula for Tube {
 
 impl VelocityField for Tube {
     by_formula!();
-
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        Some(x + self.velocity(x, t0) * (t1 - t0))
-    }
+    facts!(divergence_free, steady, straight);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some((DVec2::new(x.y, x.z) - self.center).length())
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
-    }
-
-    fn is_steady(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

@@ -13,17 +13,8 @@
 //! relative error to 1e-12. Trajectories are straight lines, and displacements are the time integral of the
 //! velocity. Outside the channel or tube the velocity is zero.
 
-use super::CHANNEL;
-use super::ROUNDING_MARGIN;
 use super::plates::Plates;
-use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::{DMat3, DVec2, DVec3};
-use std::f64::consts::PI;
+use super::prelude::*;
 
 const CHECK: ParameterCheck = ParameterCheck("womersley");
 
@@ -63,34 +54,22 @@ params! {
     }
 }
 
-impl FieldParameters for WomersleyParams {
-    const ENTRY: FieldEntry = FieldEntry {
-        name: "womersley",
-        formula: "u = Us P0 + Re(A P e^(iwt)), plane P = (1 - cosh(L eta)/cosh L) / (1 - tanh(L)/L), L = sqrt(i) Wo; tube with J0",
-        parameters: Self::PARAMETERS,
-        source: "Womersley, J. Physiol. 127 (1955) 553",
-        plane: PlotPlane::XZ,
-        make: || Self::default().build(),
-        variants: &[
-            ("plane Wo 5", || Self { viscosity_um2_s: 12_566.0, ..Default::default() }.build()),
-            ("tube", || {
-                Self { cross_section: CrossSection::Tube, viscosity_um2_s: 12_566.0, ..Default::default() }
-                    .build()
-            }),
-            ("tube Wo 40", || {
-                Self { cross_section: CrossSection::Tube, viscosity_um2_s: 197.0, ..Default::default() }
-                    .build()
-            }),
-        ],
-    };
-
-    fn fit_to(&mut self, depths: DepthRange) {
-        self.walls_z_um.get_or_insert(depths.walls());
-    }
-
-    fn build(&self) -> Result<Box<dyn VelocityField>> {
-        Ok(Box::new(Womersley::new(self)?))
-    }
+entry! {
+    WomersleyParams => Womersley::new, "womersley", XZ;
+    "u = Us P0 + Re(A P e^(iwt)), plane P = (1 - cosh(L eta)/cosh L) / (1 - tanh(L)/L), L = sqrt(i) Wo; tube with J0";
+    "Womersley, J. Physiol. 127 (1955) 553";
+    [
+        ("plane Wo 5", || Self { viscosity_um2_s: 12_566.0, ..Default::default() }.build()),
+        ("tube", || {
+            Self { cross_section: CrossSection::Tube, viscosity_um2_s: 12_566.0, ..Default::default() }
+                .build()
+        }),
+        ("tube Wo 40", || {
+            Self { cross_section: CrossSection::Tube, viscosity_um2_s: 197.0, ..Default::default() }
+                .build()
+        }),
+    ];
+    walls_z_um: walls;
 }
 
 /// A complex number.
@@ -246,6 +225,8 @@ fn series(cross_section: CrossSection, wo: f64) -> Vec<Complex> {
 }
 
 impl VelocityField for Womersley {
+    facts!(divergence_free);
+
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
         DVec3::X * self.speed(self.place(x).length_squared(), self.steady, self.drive(t)).0
     }
@@ -267,10 +248,6 @@ impl VelocityField for Womersley {
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(self.place(x).length())
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        true
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {

@@ -4,13 +4,10 @@ use super::{
     Mirrored, MirroredParams, Modulated, ModulatedParams, Moving, MovingParams, Rotated, RotatedParams,
     Scaled, ScaledParams, Sum, Translated, TranslatedParams,
 };
-use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
-use crate::error::Result;
-use crate::field::VelocityField;
+use crate::fields::prelude::*;
 use crate::fields::{
     DoubleGyreParams, HillParams, LambOseenParams, PoiseuilleParams, TaylorGreenParams, ToroidalDropParams,
 };
-use crate::region::Axis;
 
 fn boxed<F: VelocityField + 'static>(field: Result<F>) -> Result<Box<dyn VelocityField>> {
     Ok(Box::new(field?))

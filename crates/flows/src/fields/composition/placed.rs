@@ -1,13 +1,8 @@
 //! A translated, rotated or reflected field.
 
 use super::Inner;
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::fields::ROUNDING_MARGIN;
-use crate::params::params;
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
-use glam::{DMat3, DQuat, DVec3};
+use crate::fields::prelude::*;
+use glam::DQuat;
 use std::sync::Arc;
 
 const TRANSLATED: ParameterCheck = ParameterCheck("translated");

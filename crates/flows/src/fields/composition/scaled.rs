@@ -1,13 +1,7 @@
 //! A field with scaled velocities and lengths.
 
 use super::Inner;
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::fields::ROUNDING_MARGIN;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::{DMat3, DVec3};
+use crate::fields::prelude::*;
 use std::sync::Arc;
 
 const SCALED: ParameterCheck = ParameterCheck("scaled");

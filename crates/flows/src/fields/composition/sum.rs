@@ -1,12 +1,8 @@
 //! The sum of fields.
 
 use super::Inner;
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::fields::ROUNDING_MARGIN;
-use crate::region::Region;
-use crate::wall::{Wall, nearer};
-use glam::{DMat3, DVec3};
+use crate::fields::prelude::*;
+use crate::wall::nearer;
 use std::sync::Arc;
 
 const SUM: ParameterCheck = ParameterCheck("sum");

@@ -1,14 +1,7 @@
 //! A field in a moving frame, or modulated in time.
 
 use super::Inner;
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::fields::ROUNDING_MARGIN;
-use crate::params::params;
-use crate::region::Region;
-use crate::wall::Wall;
-use glam::{DMat3, DVec3};
-use std::f64::consts::PI;
+use crate::fields::prelude::*;
 use std::sync::Arc;
 
 const MOVING: ParameterCheck = ParameterCheck("moving");

@@ -1,10 +1,8 @@
 //! Registry entry of gridded velocities.
 
 use super::{Gridded, Interpolation, sampled};
-use crate::entry::{FieldEntry, PlotPlane};
-use crate::error::Result;
-use crate::field::VelocityField;
 use crate::fields::composition::vortex;
+use crate::fields::prelude::*;
 use crate::params::{Parameter, range_of};
 
 pub(crate) const ENTRY: FieldEntry = FieldEntry {

@@ -20,11 +20,8 @@ mod entry;
 pub(crate) use entry::ENTRY;
 
 use super::ROUNDING_MARGIN;
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::region::Region;
+use crate::fields::prelude::*;
 use crate::velocity_grid::VelocityGrid;
-use glam::{DMat3, DVec3};
 use microsig_core::bspline;
 
 const CHECK: ParameterCheck = ParameterCheck("gridded");
