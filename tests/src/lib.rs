@@ -12,11 +12,9 @@ pub mod microsig;
 pub mod npy;
 pub mod picture;
 pub mod process;
-pub mod python;
 pub mod reference;
 pub mod scan;
 pub mod template;
-pub mod web;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

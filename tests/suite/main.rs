@@ -46,4 +46,3 @@ mod suites;
 mod sweep;
 mod trial;
 mod truth;
-mod web;

@@ -6,7 +6,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
 
-/** The command, as `cargo xtask web-test` built it. */
+/** The command. */
 export const MICROSIG = process.env.MICROSIG ?? "../../target/debug/microsig";
 
 const CHROMIUM = process.env.CHROMIUM ?? "/usr/bin/chromium";

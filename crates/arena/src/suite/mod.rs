@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use metrics::MetricValue;
-pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
+pub use page::{Annotations, page};
 
 use crate::report;
 use dataset::manifest::GENERATOR_VERSION;

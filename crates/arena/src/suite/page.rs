@@ -1,10 +1,7 @@
-//! The page of a suite's scores: for each track, standings, curves over each ladder, tables of all cases, and
-//! example images.
+//! The page of a suite's scores: for each track, standings, curves over each ladder, and tables of all cases.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
 use super::site::{contents, link, report_of};
@@ -19,26 +16,16 @@ use storage::error::Result;
 /// Information besides the scores.
 #[derive(Debug, Clone, Default)]
 pub struct Annotations {
-    /// How the scores were obtained, one paragraph each.
-    pub notes: Vec<String>,
     /// Names of trackers on the page, where they differ from those of their folders.
     pub names: BTreeMap<String, String>,
     /// What each tracker was made for, by name.
     pub made_for: BTreeMap<String, String>,
-    /// Trackers that do not measure depth and therefore do not enter cases that are scored with depth.
-    pub without_depth: BTreeSet<String>,
     /// Time per frame, s, by tracker and `TRACK/CASE`.
     pub seconds_per_frame: BTreeMap<(String, String), f64>,
-    /// Why a tracker has no result, by tracker and `TRACK/CASE`.
-    pub failures: BTreeMap<(String, String), String>,
     /// Whether the page belongs to a site, with rules and tables.
     pub is_site: bool,
     /// Paths of the reports of single results beside the page.
     pub reports: BTreeSet<String>,
-    /// Example images, by track.
-    pub pictures: BTreeMap<String, Vec<Picture>>,
-    /// Depth errors over depth in example cases, by track.
-    pub depth_errors: BTreeMap<String, Vec<DepthErrors>>,
 }
 
 impl Annotations {
@@ -46,31 +33,6 @@ impl Annotations {
     fn name<'a>(&'a self, tracker: &'a str) -> &'a str {
         self.names.get(tracker).map_or(tracker, String::as_str)
     }
-}
-
-/// RMS error of depth as a function of particle depth in a case.
-#[derive(Debug, Clone)]
-pub struct DepthErrors {
-    /// Case.
-    pub case: String,
-    /// For each tracker z, um, and the RMS error there, um.
-    pub trackers: Vec<(String, Vec<(f64, f64)>)>,
-}
-
-/// A part of an image with what a tracker found in it.
-#[derive(Debug, Clone)]
-pub struct Picture {
-    /// The image as PNG.
-    pub png: Vec<u8>,
-    /// Width and height, px.
-    pub size: (u32, u32),
-    /// Points from `matches.csv`: match, miss or ghost, with x and y in px from the corner of the part.
-    pub points: Vec<(String, f64, f64)>,
-    /// Displacements from `vectors.csv`: x and y as above, dx and dy in px, and whether the error is below 1
-    /// px.
-    pub vectors: Vec<([f64; 4], bool)>,
-    /// Tracker, case and frame.
-    pub caption: String,
 }
 
 /// The page, without scripts or network access.
@@ -94,19 +56,9 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
         Scores of different cases are never averaged. In the standing of a track, of two trackers the one that is better in more cases is ahead; a case \
         without a result is behind all others. The standing is no test: it counts cases. Errors cover found particles only: read them together with recall or F1." }
         @if more.is_site { (contents()) }
-        @for note in &more.notes { p { (with_code(note)) } }
         @for part in &parts { (part) }
     };
     Ok(document(&title, &body))
-}
-
-/// A text whose parts between backticks are code.
-fn with_code(text: &str) -> Markup {
-    html! {
-        @for (i, part) in text.split('`').enumerate() {
-            @if i % 2 == 0 { (part) } @else { code { (part) } }
-        }
-    }
 }
 
 fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Markup> {
@@ -118,9 +70,6 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
     for ladder in ladders {
         let of_ladder: Vec<&CaseScores> = cases.iter().filter(|c| c.ladder == ladder).copied().collect();
         plots.extend(curves(ladder, &of_ladder)?);
-    }
-    for errors in more.depth_errors.get(track).into_iter().flatten() {
-        plots.extend(over_depth(errors)?);
     }
     Ok(html! {
         h2 { "Track " (track) }
@@ -141,14 +90,13 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
                 "No tracker listed here has a value for the score "  b { (ScoreDef::of(metric).title()) } "; ranks follow from the other scores."
             } }
             @if !plots.is_empty() { div.plots { @for plot in &plots { (plot) } } }
-            @if let Some(pictures) = more.pictures.get(track) { div.plots { @for picture in pictures { (drawn(picture)) } } }
             @for case in &cases { (table(case, more)) }
         }
     })
 }
 
 /// Ranking scores of a track that none of its results has.
-pub fn unmeasured(cases: &[&CaseScores]) -> Vec<Metric> {
+fn unmeasured(cases: &[&CaseScores]) -> Vec<Metric> {
     let has = |metric: Metric| {
         let mut results = cases.iter().flat_map(|case| &case.results);
         results.any(|result| result.value(metric).is_some_and(|value| value.value.is_some()))
@@ -177,18 +125,8 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
     let key = |result: &CaseResult| (result.tracker.clone(), format!("{}/{}", case.track, case.case));
     let why = |result: &CaseResult| match result.status {
         Status::Refused => format!("refused: {}", result.reason.as_deref().unwrap_or_default()),
-        _ => more
-            .failures
-            .get(&key(result))
-            .map_or_else(|| "missing".to_owned(), |failure| format!("missing: {failure}")),
+        _ => "missing".to_owned(),
     };
-    // They are listed on one line.
-    let is_flat = |result: &CaseResult| {
-        result.status == Status::Missing
-            && more.without_depth.contains(&result.tracker)
-            && !more.failures.contains_key(&key(result))
-    };
-    let flat: Vec<&str> = case.results.iter().filter(|r| is_flat(r)).map(|r| r.tracker.as_str()).collect();
     let columns = case.rank_by.len() + others.len() + 1;
     html! {
         details {
@@ -199,7 +137,7 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                     @for metric in case.rank_by.iter().chain(&others) { th { (ScoreDef::of(*metric).title()) } }
                     th { "s per frame" }
                 }
-                @for result in case.results.iter().filter(|result| !is_flat(result)) { tr {
+                @for result in &case.results { tr {
                     td { (result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string())) }
                     @let report = report_of(&result.tracker, case);
                     td { @if more.reports.contains(&report) { a href=(link(&report)) { (more.name(&result.tracker)) } }
@@ -210,7 +148,6 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                     } @else { td colspan=(columns) style="text-align: left" { (why(result)) } }
                 } }
             } }
-            @if !flat.is_empty() { p.soft { "Not entered because they do not measure depth: " (flat.join(", ")) "." } }
         }
     }
 }
@@ -300,67 +237,6 @@ fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
                 .with_bars(bars)
         })
         .collect()
-}
-
-/// RMS error of depth over depth.
-fn over_depth(errors: &DepthErrors) -> Result<Option<Markup>> {
-    let of = |(tracker, points): &(String, Vec<(f64, f64)>)| Series::new(tracker.clone(), points.clone());
-    let series: Vec<Series> = errors.trackers.iter().map(of).collect();
-    if !series.iter().any(Series::has_points) {
-        return Ok(None);
-    }
-    let labels = AxisLabels { x: "z, um", y: "RMS error of z, um", title: "RMS error of z" };
-    let caption = format!("RMS error of z of found particles over their true z, case {}.", errors.case);
-    Ok(Some(figure_of(lines(&labels, &series)?, &names(&series), &caption)))
-}
-
-/// Ratio of the drawn length to the displacement.
-const ARROW: f64 = 4.0;
-
-/// Kinds of points in `matches.csv`, with their color and dashes.
-const KINDS: [(&str, &str); 3] =
-    [("match", "#3fb950"), ("miss", "#ff5f56; stroke-dasharray: 3 2"), ("ghost", "#f2cc60")];
-
-/// An image with circles: found particles, missed ones, ghosts.
-fn drawn(picture: &Picture) -> Markup {
-    let (width, height) = picture.size;
-    // Small images are drawn larger.
-    let radius = f64::from(width) / 64.0;
-    let diameter = 2.0 * radius;
-    let circle = format!("a{radius} {radius} 0 1 1 {diameter} 0a{radius} {radius} 0 1 1 -{diameter} 0");
-    let cross = format!("m0 -{radius}l{diameter} {diameter}m0 -{diameter}l-{diameter} {diameter}");
-    let signs = |kind: &str| -> String {
-        let sign = if kind == "ghost" { &cross } else { &circle };
-        let of_kind = picture.points.iter().filter(|point| point.0 == kind);
-        of_kind.map(|(_, x, y)| format!("M{:.1} {y:.1}{sign}", x - radius)).collect()
-    };
-    let arrows = |is_right: bool| -> String {
-        let of_kind = picture.vectors.iter().filter(|vector| vector.1 == is_right);
-        let drawn = of_kind.map(|([x, y, dx, dy], _)| {
-            format!("M{x:.1} {y:.1}h.6v.6h-.6zl{:.1} {:.1}", ARROW * dx, ARROW * dy)
-        });
-        drawn.collect()
-    };
-    let legend = if picture.vectors.is_empty() {
-        " Green circles: found; red dashed: missed; yellow crosses: ghosts.".to_owned()
-    } else {
-        format!(" Displacements magnified {ARROW} times; green: error below 1 px; red: others.")
-    };
-    let data = format!("data:image/png;base64,{}", STANDARD.encode(&picture.png));
-    html! {
-        figure style="max-width: 36rem" {
-            svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(picture.caption) {
-                image href=(data) width=(width) height=(height) {}
-                @for (is_right, stroke) in [(true, KINDS[0].1), (false, "#ff5f56")] {
-                    path d=(arrows(is_right)) style=(format!("fill: none; stroke-width: 0.3%; stroke: {stroke}")) {}
-                }
-                @for (kind, stroke) in KINDS {
-                    path d=(signs(kind)) style=(format!("fill: none; stroke-width: 0.3%; stroke: {stroke}")) {}
-                }
-            }
-            figcaption { (picture.caption) (legend) }
-        }
-    }
 }
 
 #[cfg(test)]
