@@ -28,6 +28,11 @@ pub fn run(arguments: &[&str]) -> String {
     text(&output.stdout)
 }
 
+/// Runs the command with `--json` and `--quiet`; returns what it prints.
+pub fn json(arguments: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&run(&[arguments, &["--json", "--quiet"]].concat())).unwrap()
+}
+
 /// Runs the command, asserts that it fails with this exit code, and returns its standard error.
 pub fn fail(code: i32, arguments: &[&str]) -> String {
     let Output { status, stderr, .. } = microsig().args(arguments).output().expect("microsig runs");

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use suite::microsig::{fail, generate, microsig, path, run, write};
+use suite::microsig::{fail, generate, json, microsig, path, run, write};
 
 /// Defocused particles on 376 x 240 px, mostly isolated.
 fn defocused(preset: &str, count: u32, pairs: u32) -> String {
@@ -345,7 +345,7 @@ fn ensemble_correlation_measures_where_single_pairs_have_too_few_particles() {
         let result = folder.path().join(name);
         let track = ["track", path(&dataset), "--method", "piv", "--out", path(&result), "--quiet"];
         run(&[&track[..], more].concat());
-        serde_json::from_str(&run(&["evaluate", path(&dataset), path(&result), "--json", "--quiet"])).unwrap()
+        json(&["evaluate", path(&dataset), path(&result)])
     };
     let (single, all) = (field(&[], "single.csv"), field(&["--ensemble"], "all.csv"));
     let valid = "/field/valid_vector_probability";

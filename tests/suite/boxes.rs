@@ -6,7 +6,7 @@ use std::path::Path;
 
 use microsig_core::formats::tiff;
 use serde_json::{Value, json};
-use suite::microsig::{fail, generate, path, run};
+use suite::microsig::{fail, generate, json, path, run};
 
 /// Noise-free spots far apart and above a dark background, and images of two sizes.
 const SPOTS: &str = r#"(
@@ -43,7 +43,7 @@ fn coco(dataset: &Path) -> Value {
 }
 
 fn score(dataset: &Path, result: &Path) -> Value {
-    serde_json::from_str(&run(&["evaluate", path(dataset), path(result), "--json", "--quiet"])).unwrap()
+    json(&["evaluate", path(dataset), path(result)])
 }
 
 /// Files of an archive.

@@ -7,7 +7,7 @@ use std::process::Command;
 
 use serde_json::Value;
 use suite::leak::unzip;
-use suite::microsig::{binary, fail, path, run};
+use suite::microsig::{binary, fail, json, path, run};
 
 use crate::release::{CHALLENGE, images_sha256, submission};
 
@@ -126,8 +126,7 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
         serde_json::from_slice(&std::fs::read(app.join("output").join(name)).unwrap()).unwrap()
     };
     let result = app.join("input/res");
-    let alone: Value =
-        serde_json::from_str(&run(&["evaluate", path(&test), path(&result), "--json", "--quiet"])).unwrap();
+    let alone: Value = json(&["evaluate", path(&test), path(&result)]);
     let scores = read("scores.json");
     let written = std::fs::read(app.join("output/scores.json")).unwrap();
     assert!(alone["detection"]["recall"].as_f64().unwrap() < 0.9, "{alone}");

@@ -1,8 +1,10 @@
 //! The command line: successful runs, invalid input, no incomplete output.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use suite::microsig::{fail, generate, microsig, path, run, write};
+use suite::microsig::{fail, generate, json, microsig, path, run, write};
+
+use crate::robust::kill_when;
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -24,8 +26,7 @@ fn listing(folder: &Path) -> Vec<String> {
 fn a_dataset_verifies_and_can_be_made_again() {
     let place = tempfile::tempdir().unwrap();
     let dataset = generate(place.path(), "dataset", SCENARIO);
-    let said = run(&["verify", path(&dataset), "--regenerate", "--json"]);
-    let result: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let result = json(&["verify", path(&dataset), "--regenerate"]);
     assert_eq!(result["regenerated"], true);
     assert_eq!(listing(place.path()), ["dataset", "dataset.ron"]);
 
@@ -34,33 +35,6 @@ fn a_dataset_verifies_and_can_be_made_again() {
     run(&["generate", path(&dataset.join("scenario.ron")), "--out", path(&again)]);
     let sums = |d: &Path| std::fs::read_to_string(d.join("SHA256SUMS")).unwrap();
     assert_eq!(sums(&dataset), sums(&again));
-}
-
-#[test]
-fn verify_finds_every_kind_of_damage() {
-    let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), "dataset", SCENARIO);
-    let image = dataset.join("images/pair_00001_b.tif");
-    let whole = std::fs::read(&image).unwrap();
-    for position in [0, whole.len() / 2, whole.len() - 1] {
-        let mut broken = whole.clone();
-        broken[position] ^= 1;
-        std::fs::write(&image, broken).unwrap();
-        assert!(fail(1, &["verify", path(&dataset)]).contains("images/pair_00001_b.tif: changed"));
-    }
-    std::fs::remove_file(&image).unwrap();
-    assert!(fail(1, &["verify", path(&dataset)]).contains("images/pair_00001_b.tif: missing"));
-    std::fs::write(&image, &whole).unwrap();
-
-    let extra = write(&dataset, "truth/extra.csv", "1\n");
-    assert!(fail(1, &["verify", path(&dataset)]).contains("truth/extra.csv: not in SHA256SUMS"));
-    std::fs::remove_file(extra).unwrap();
-    run(&["verify", path(&dataset)]);
-
-    // The name alone does not make it unfinished.
-    let partial = place.path().join("dataset.partial");
-    std::fs::rename(&dataset, &partial).unwrap();
-    run(&["verify", path(&partial)]);
 }
 
 #[test]
@@ -85,22 +59,6 @@ fn nothing_is_overwritten_without_force() {
     run(&arguments);
     assert!(fail(2, &arguments).contains("pair_00000_a.tif: already exists; --force replaces it"));
     run(&[&arguments[..], &["--force"]].concat());
-}
-
-/// Kills a run after some images; returns its unfinished folder.
-fn killed(scenario: &Path, dataset: &Path) -> PathBuf {
-    let partial = dataset.with_added_extension("partial");
-    let mut run = microsig()
-        .args(["generate", path(scenario), "--out", path(dataset), "--threads", "1", "--quiet"])
-        .spawn()
-        .unwrap();
-    let images = || std::fs::read_dir(partial.join("images")).map_or(0, Iterator::count);
-    while images() < 4 && run.try_wait().unwrap().is_none() {
-        std::thread::yield_now();
-    }
-    run.kill().unwrap();
-    assert!(!run.wait().unwrap().success(), "the run was over before it was killed");
-    partial
 }
 
 /// Mistakes that everybody makes once name the right path.
@@ -135,13 +93,15 @@ fn an_interrupted_run_goes_on_with_resume_only() {
     run(&["generate", path(&scenario), "--out", path(&whole)]);
     let sums = |d: &Path| std::fs::read_to_string(d.join("SHA256SUMS")).unwrap();
 
-    let partial = killed(&scenario, &dataset);
+    let partial = dataset.with_added_extension("partial");
+    let images = || std::fs::read_dir(partial.join("images")).map_or(0, Iterator::count);
+    let arguments = ["generate", path(&scenario), "--out", path(&dataset)];
+    assert!(kill_when(&[&arguments[..], &["--threads", "1"]].concat(), || images() >= 4), "the run was over");
     assert!(fail(1, &["verify", path(&partial)]).contains("unfinished"));
     // As after a power failure: truncated files, among them a finished image.
     write(&partial, "images/.unfinished-x1", "half");
     write(&partial, "truth/tracks.csv", "frame,t_");
     write(&partial, "images/pair_00000_a.tif", "");
-    let arguments = ["generate", path(&scenario), "--out", path(&dataset)];
     assert!(fail(2, &arguments).contains("--resume"));
     let resumed = [&arguments[..], &["--resume"]].concat();
 
@@ -204,7 +164,7 @@ fn two_runs_never_write_one_folder() {
 
 #[test]
 fn the_command_tells_its_version_and_completes_itself() {
-    let said: serde_json::Value = serde_json::from_str(&run(&["--version", "--json"])).unwrap();
+    let said: serde_json::Value = json(&["--version"]);
     assert_eq!(
         (said["name"].as_str(), said["version"].as_str()),
         (Some("microsig"), Some(env!("CARGO_PKG_VERSION")))
@@ -245,15 +205,8 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
             "pairs(count: 2, exposure_s: 0.01)",
             "timing.pairs.exposure_s = 0.01 (0.01 s in total): expected",
         ),
-        (
-            "name:",
-            "truth_grid: grid(spacing_px: 0), name:",
-            "truth_grid.grid.spacing_px = 0: expected a number, 0.1 to 1e5 px",
-        ),
-        ("poiseuille()", "poisseuille()", "did you mean `poiseuille`"),
         ("pixel_dim_x: 90", "pixel_dim_x: 0", "optics.pixel_dim_x = 0: expected a whole number"),
         ("pixel_dim_x: 90", "settings: \"missing.txt\"", "missing.txt"),
-        ("count: 2", "count: 2, dt_s: NaN", "timing.pairs.dt_s = NaN"),
         ("count: 2", "count: two", "scenario.ron:6:"),
         ("\"small\"", "\"../small\"", "name = `../small`"),
     ] {
@@ -284,35 +237,13 @@ fn malformed_settings_and_data_files_name_the_line_and_leave_no_output() {
     };
     for (from, to, expected) in [
         ("gain = 3.2\n", "", "settings.txt: gain is missing"),
-        ("gain = 3.2\n", "gain = 3.2\ngain = 3.2\n", "settings.txt:14: gain is given a second time"),
-        ("gain = 3.2", "gain = much", "settings.txt:13: gain = much"),
         ("gain = 3.2", "gain = nan", "settings.txt:13: gain = NaN"),
-        ("gain = 3.2", "gain = -1", "settings.txt:13: gain = -1"),
-        ("gain = 3.2", "gain", "settings.txt:13: `gain`: expected `key = value`"),
-        ("magnification = 10", "magnification = 0", "settings.txt:1: magnification = 0"),
-        ("numerical_aperture = 0.3", "numerical_aperture = 1", "settings.txt:2: numerical_aperture = 1"),
-        ("ri_lens = 1.5", "ri_lens = 1", "settings.txt:5: ri_lens = 1"),
-        ("focal_length = 350", "focal_length = 0", "settings.txt:3: focal_length = 0"),
-        ("pixel_size = 6.45", "pixel_size = -6.45", "settings.txt:6: pixel_size = -6.45"),
-        ("pixel_dim_x = 50", "pixel_dim_x = 50.5", "settings.txt:7: pixel_dim_x = 50.5"),
-        ("background_noise = 10", "background_noise = -1", "settings.txt:10: background_noise = -1"),
-        ("points_per_pixel = 18", "points_per_pixel = 0", "settings.txt:11: points_per_pixel = 0"),
-        ("n_rays = 500", "n_rays = 0", "settings.txt:12: n_rays = 0"),
-        ("cyl_focal_length = 0", "cyl_focal_length = inf", "settings.txt:14: cyl_focal_length = inf"),
     ] {
         assert!(good_settings.contains(from), "{from}");
         refuse(&good_settings.replacen(from, to, 1), good_data, expected);
     }
     for (data, expected) in [
         ("25 20 -30 2\n10 10 0\n", "data.txt:2: 3 columns, but 4 before"),
-        ("25 20\n", "data.txt:1: 2 columns"),
-        ("1 2 3 4 5 6\n", "data.txt:1: 6 columns"),
-        ("1 2 3 4 5 6 7 8 9\n", "data.txt:1: 9 columns"),
-        ("25 20 nan 2\n", "data.txt:1, column 3: `nan`"),
-        ("25 20 -30 0\n", "data.txt:1, column 4: d_p = 0"),
-        ("25 20 -30 2 -1 0 0\n", "data.txt:1, column 5: e_p = -1"),
-        ("25 20 -30 2 -1\n", "data.txt:1, column 5: c_int = -1"),
-        ("25,5 20 -30 2\n", "data.txt:1, column 1: `25,5`: a decimal comma?"),
         ("25 20 -30 2\n25 20 -500 2\n", "data.txt: particle 2: z = -500 um reaches the lens"),
         ("25 20 -30 0.01\n", "data.txt: particle 1: d_p = 0.01 um is too small for points_per_pixel = 18"),
     ] {
@@ -335,8 +266,7 @@ fn render_takes_what_the_formats_allow() {
     write(&data, "a9.txt", "# nobody\n");
     write(&data, "a11.txt", "25 20 -30 6 3 0.4 0.7\n25 20 0 2 0.3 0 0\n");
     let out = place.path().join("out");
-    let said = run(&["render", path(&settings), path(&data), path(&out), "--spheroids", "uniform", "--json"]);
-    let result: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let result = json(&["render", path(&settings), path(&data), path(&out), "--spheroids", "uniform"]);
     assert_eq!((result["images"].as_u64(), result["particles"].as_u64()), (Some(3), Some(3)));
     assert!(result["warnings"][0].as_str().unwrap().contains("unknown key `lamp`"));
     assert_eq!(listing(&out), ["a10.tif", "a11.tif", "a9.tif"]);

@@ -1,7 +1,7 @@
 //! A cylindrical lens before the camera stretches images: truth, images and scores agree about it.
 
 use serde_json::Value;
-use suite::microsig::{generate, path, run, write};
+use suite::microsig::{generate, json, path, write};
 
 const SCENARIO: &str = r#"(
     name: "stretched",
@@ -64,9 +64,7 @@ fn truth_images_and_scores_are_stretched_alike() {
             result += &format!("{frame},{track},{x_px},{y_px},{}\n", number("z_um"));
         }
         let result = write(folder.path(), "result.csv", &result);
-        let score: Value =
-            serde_json::from_str(&run(&["evaluate", path(&dataset), path(&result), "--json", "--quiet"]))
-                .unwrap();
+        let score: Value = json(&["evaluate", path(&dataset), path(&result)]);
         // Without the stretch, displacements in px would be 10 % of the speed off in the direction of the
         // lens's power.
         let relative = score.pointer("/lpt/velocity_rms_relative").and_then(Value::as_f64);

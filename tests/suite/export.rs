@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use microsig_core::formats::pages::Pages;
 use serde_json::Value;
-use suite::microsig::{fail, generate, microsig, path, run};
+use suite::microsig::{fail, generate, json, microsig, path, run};
 
 const PAIRS: &str = r#"(
     name: "pairs",
@@ -33,7 +33,7 @@ fn exported(dataset: &Path, format: &str, more: &[&str]) -> PathBuf {
 }
 
 fn score(dataset: &Path, result: &Path) -> Value {
-    serde_json::from_str(&run(&["evaluate", path(dataset), path(result), "--json", "--quiet"])).unwrap()
+    json(&["evaluate", path(dataset), path(result)])
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::process::Stdio;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use suite::microsig::{fail, microsig, path, run};
+use suite::microsig::{fail, json, microsig, path, run};
 
 #[cfg(unix)]
 use crate::trial::ends;
@@ -224,8 +224,7 @@ fn long_runs_say_how_long_and_stop_at_once() {
         assert!(stopped.elapsed() < Duration::from_secs(2), "{words:?}: {:?}", stopped.elapsed());
     }
     // A dry run gives such a time without writing anything.
-    let told = run(&["generate", path(&scenario), "--dry-run", "--json"]);
-    let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+    let told = json(&["generate", path(&scenario), "--dry-run"]);
     assert!(told["seconds"].as_f64().unwrap() > 60.0, "{told}");
 }
 
@@ -250,7 +249,7 @@ fn nothing_is_written_into_a_dataset() {
 }
 
 /// A gray TIFF with as many pages as asked for, each of one strip.
-pub(crate) fn tiff(pages: usize, (width, height): (u16, u16)) -> Vec<u8> {
+fn tiff(pages: usize, (width, height): (u16, u16)) -> Vec<u8> {
     let mut bytes = b"II*\0".to_vec();
     bytes.extend(8u32.to_le_bytes());
     let size = u32::from(width) * u32::from(height);
@@ -366,7 +365,7 @@ fn the_lines_on_optics_are_of_the_diameters_that_tracks_tell() {
     );
     let said = run(&["generate", path(&scenario), "--out", path(&place.path().join("d"))]);
     assert!(said.contains("images of 5.000 um are") && said.contains("of 7.000 um best at"), "{said}");
-    let told: serde_json::Value = serde_json::from_str(&run(&["optics", path(&scenario), "--json"])).unwrap();
+    let told: serde_json::Value = json(&["optics", path(&scenario)]);
     let sizes: Vec<f64> =
         told["sizes"].as_array().unwrap().iter().map(|s| s["d_um"].as_f64().unwrap()).collect();
     assert_eq!(sizes, [5.0, 7.0]);

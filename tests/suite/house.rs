@@ -1,5 +1,5 @@
 //! Rules of the repository that neither clippy nor rustfmt checks: files are opened where pipes and devices are
-//! refused, documents have no dead links, ARCHITECTURE.md names files that exist, and messages options that exist.
+//! refused, documents have no dead links, and messages name options that exist.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -132,39 +132,6 @@ fn every_link_in_the_documents_leads_somewhere() {
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
-
-/// Text between backticks.
-fn code_spans(text: &str) -> Vec<&str> {
-    let outside_fences = text.split("```").step_by(2);
-    outside_fences.flat_map(|part| part.split('`').skip(1).step_by(2)).collect()
-}
-
-#[test]
-fn every_path_that_architecture_md_names_exists() {
-    let text = std::fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
-    let sources = paths();
-    let mut missing = Vec::new();
-    let mut checked = 0;
-    for span in code_spans(&text) {
-        let is_path = !span.contains([' ', '*', '(', '<', '='])
-            && [".rs", ".md", ".ron", ".toml", ".py", "/"].iter().any(|end| span.ends_with(end));
-        if is_path {
-            checked += 1;
-            let (name, tail) = (span.trim_end_matches('/'), format!("/{span}"));
-            let there = root().join(name).exists()
-                || sources.iter().any(|path| path.ends_with(&tail) || path.contains(&format!("/{name}/")));
-            // Files of a dataset, not of the repository.
-            if !there && !DATASET_PATHS.contains(&span) {
-                missing.push(span);
-            }
-        }
-    }
-    assert!(checked > 30, "paths in ARCHITECTURE.md: {checked}");
-    assert!(missing.is_empty(), "ARCHITECTURE.md names what is not there: {missing:?}");
-}
-
-/// Paths inside datasets that ARCHITECTURE.md mentions.
-const DATASET_PATHS: [&str; 2] = ["scenario.ron", "images/"];
 
 /// The long options of a command and of all below it.
 fn options(command: &clap::Command, found: &mut BTreeSet<String>) {

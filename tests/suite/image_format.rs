@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use microsig_core::formats::tiff;
 use microsig_core::render::Context;
 use microsig_core::sensor::Counts;
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, json, path, run};
 use suite::{counts, image_size};
 
 const SIDE: u32 = 401;
@@ -68,8 +68,7 @@ fn a_dataset_of_unrounded_counts_is_read_by_everything() {
     run(&["verify", path(&made), "--regenerate"]);
     let result = place.path().join("result.csv");
     run(&["track", path(&made), "--method", "spots", "--out", path(&result)]);
-    let score = run(&["evaluate", path(&made), path(&result), "--json"]);
-    let score: serde_json::Value = serde_json::from_str(&score).unwrap();
+    let score = json(&["evaluate", path(&made), path(&result)]);
     assert_eq!(score["detection"]["recall"], 1.0, "{score}");
     let page = place.path().join("page.html");
     run(&["view", path(&made), "--export", path(&page)]);

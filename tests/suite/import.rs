@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use microsig_core::Settings;
 use serde_json::Value;
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, json, path, run};
 use suite::scan::{Bead, SimulatedScan, write_pages};
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray8, Gray32Float, RGB8};
@@ -44,11 +44,6 @@ static PASSES: LazyLock<[Vec<Vec<u16>>; 3]> =
 /// Counts of a camera of 8 bit.
 fn eight_bit(plane: &[u16]) -> Vec<u8> {
     plane.iter().map(|count| (count / 24).min(255) as u8).collect()
-}
-
-/// What the command prints as JSON.
-fn json(arguments: &[&str]) -> Value {
-    serde_json::from_str(&run(&[arguments, &["--json"]].concat())).unwrap()
 }
 
 /// A file of 8-bit pages with a description.

@@ -4,7 +4,6 @@
 mod baselines;
 mod boxes;
 mod camera;
-mod campaigns;
 mod centroid;
 mod challenge;
 mod codabench;
@@ -26,7 +25,6 @@ mod maxima;
 mod messages;
 mod microscope;
 mod motion;
-mod mutations;
 mod noise;
 mod orientation;
 mod packages;

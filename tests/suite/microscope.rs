@@ -10,7 +10,7 @@ use microsig_core::{Particle, Settings};
 use scenario::{parse, resolve};
 use serde_json::Value;
 use suite::golden::Hashes;
-use suite::microsig::{fail, microsig, path, run, write};
+use suite::microsig::{fail, json, microsig, path, run, write};
 
 fn objective_20x() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/objective_20x.ron")
@@ -129,8 +129,7 @@ fn a_dataset_by_waves_tells_its_optics_and_has_the_same_bytes_for_any_number_of_
     assert!(focus_um.abs() < 3.0, "{focus_um}");
     // The truth as a result: the bound follows from waves.
     let truth = one.join("truth/tracks.csv");
-    let score: Value =
-        serde_json::from_str(&run(&["evaluate", path(&one), path(&truth), "--crlb", "--json"])).unwrap();
+    let score: Value = json(&["evaluate", path(&one), path(&truth), "--crlb"]);
     let bins = score["crlb"]["bins"].as_array().unwrap();
     assert!(!bins.is_empty());
     for bin in bins {

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use dataset::manifest::Manifest;
 use microsig_core::formats::pages::Pages;
 use suite::leak::{Files, Known, guess_by_noise, guess_by_place, unzip};
-use suite::microsig::{fail, generate, path, run};
+use suite::microsig::{fail, generate, json, path, run};
 
 /// A seed that cannot occur anywhere by chance.
 const SEED: u64 = 8_246_017_395_284_410_067;
@@ -246,8 +246,7 @@ fn a_submission_is_checked_without_the_truth_and_scored_with_it() {
     let said = run(&["evaluate", "--validate-only", path(&c.test), path(&good)]);
     assert!(said.contains("a valid submission of A: "), "{said}");
 
-    let score = run(&["evaluate", path(&c.out.join("withheld/test")), path(&good), "--json", "--quiet"]);
-    let score: serde_json::Value = serde_json::from_str(&score).unwrap();
+    let score = json(&["evaluate", path(&c.out.join("withheld/test")), path(&good)]);
     assert_eq!((score["detection"]["f1"].as_f64(), score["links"]["f1"].as_f64()), (Some(1.0), Some(1.0)));
 
     // The same submission as an archive.

@@ -1,4 +1,4 @@
-//! Robustness: killed runs, full disks, damaged datasets. `campaigns.rs` repeats the first two many times.
+//! Robustness: killed runs, full disks, damaged datasets.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -93,7 +93,7 @@ fn killed_shards_of_a_sweep_go_on_to_the_same_bytes() {
 
 /// Runs the command with a limit of the shell. `-f` acts like a full disk: a write fails.
 #[cfg(unix)]
-pub(crate) fn limited(limit: &str, arguments: &[&str]) -> (Option<i32>, String) {
+fn limited(limit: &str, arguments: &[&str]) -> (Option<i32>, String) {
     let script = format!("ulimit {limit}; exec \"$@\"");
     let output =
         Command::new("sh").args(["-c", &script, "sh"]).arg(binary()).args(arguments).output().unwrap();
@@ -202,11 +202,24 @@ fn verify_finds_a_flipped_bit_in_any_file_and_files_that_are_missing_or_too_many
     let sums = dataset.join("SHA256SUMS");
     let good = std::fs::read(&sums).unwrap();
     refuse(&sums, &good, good.iter().position(u8::is_ascii_lowercase).unwrap(), 5);
+    let told = |what: &str| assert!(fail(1, &["verify", path(&dataset)]).contains(what), "{what}");
     for extra in ["notes.txt", "images/pair_00001_a.tif", ".hidden"] {
         std::fs::write(dataset.join(extra), "x").unwrap();
-        assert!(fail(1, &["verify", path(&dataset)]).contains(extra));
+        told(&format!("{extra}: not in SHA256SUMS"));
         std::fs::remove_file(dataset.join(extra)).unwrap();
     }
+    let image = dataset.join("images/pair_00000_b.tif");
+    let good = std::fs::read(&image).unwrap();
+    std::fs::write(&image, &good[1..]).unwrap();
+    told("images/pair_00000_b.tif: changed");
+    std::fs::remove_file(&image).unwrap();
+    told("images/pair_00000_b.tif: missing");
+    std::fs::write(&image, good).unwrap();
+    // The name alone does not make it unfinished.
+    let partial = place.path().join("dataset.partial");
+    std::fs::rename(&dataset, &partial).unwrap();
+    assert!(verifies(&partial));
+    std::fs::rename(&partial, &dataset).unwrap();
     run(&["verify", path(&dataset), "--regenerate"]);
 }
 

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use scoring::evaluate::EvaluateOptions;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Points, TrackRow};
-use suite::microsig::{fail, generate, path, run};
+use suite::microsig::{fail, generate, json, path, run};
 
 /// Fast rotation about the center of a small image: many particles leave it at the corners and return.
 const VORTEX: &str = r#"(
@@ -370,8 +370,7 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
     std::fs::write(&tracks, whole).unwrap();
 
     let board = place.path().join("board");
-    let said = run(&["compare", path(&b), path(&a), "--out", path(&board), "--json"]);
-    let compared: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let compared = json(&["compare", path(&b), path(&a), "--out", path(&board)]);
     let rank = |i: usize| (compared["entries"][i]["name"].clone(), compared["entries"][i]["rank"].clone());
     assert_eq!((rank(0), rank(1)), (("perfect".into(), 1.into()), ("fair".into(), 2.into())));
     for name in ["leaderboard.csv", "curves.csv", "leaderboard.html"] {

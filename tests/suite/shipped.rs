@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use suite::microsig::{path, run};
+use suite::microsig::{json, path, run};
 
 fn shipped() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios");
@@ -75,8 +75,7 @@ fn sweep(place: &Path, file: &Path, text: &str) {
     let name = format!("{}-sweep", file.file_stem().unwrap().to_string_lossy());
     let sweep = place.join(format!("{name}.ron"));
     std::fs::write(&sweep, text.replace(base, "small/scenario.ron")).unwrap();
-    let listed: serde_json::Value =
-        serde_json::from_str(&run(&["sweep", path(&sweep), "--list", "--json"])).unwrap();
+    let listed: serde_json::Value = json(&["sweep", path(&sweep), "--list"]);
     let cases = listed.as_array().unwrap().len();
     let out = place.join(&name);
     for k in [1, cases] {

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use serde_json::Value;
 use suite::leak::unzip;
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, json, path, run};
 
 const SCENARIO: &str = r#"(
     name: "fields",
@@ -122,7 +122,7 @@ fn one_vector_and_a_field_of_zeros_rank_behind_an_honest_field() {
     write("zeros", "shift", vectors(|_, _| Some(0.0)));
     write("zeros", "wave", vectors(|_, _| Some(0.0)));
     let out = c.place.path().join("scores");
-    let run = run(&[
+    let scores = json(&[
         "suite",
         "score",
         path(&c.suite),
@@ -131,10 +131,7 @@ fn one_vector_and_a_field_of_zeros_rank_behind_an_honest_field() {
         path(&results),
         "--out",
         path(&out),
-        "--json",
-        "--quiet",
     ]);
-    let scores: Value = serde_json::from_str(&run).unwrap();
     for case in scores["cases"].as_array().unwrap() {
         let best = &case["results"][0];
         assert_eq!((&best["tracker"], &best["rank"]), (&"honest".into(), &1.into()), "{case:#}");
@@ -197,9 +194,7 @@ fn a_released_case_of_fields_takes_fields() {
     let said = run(&["check-submission", path(&test), path(&submission)]);
     assert!(said.contains("vectors"), "{said}");
     let withheld = out.join("withheld/test");
-    let score: Value =
-        serde_json::from_str(&run(&["evaluate", path(&withheld), path(&submission), "--json", "--quiet"]))
-            .unwrap();
+    let score: Value = json(&["evaluate", path(&withheld), path(&submission)]);
     assert_eq!(score["field"]["nodes"]["valid"], 1.0);
 
     let bundle = place.path().join("bundle");

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use suite::microsig::{fail, microsig, path, run, text};
+use suite::tree;
 
 const BASE: &str = r#"(
     name: "base",
@@ -29,41 +30,22 @@ fn write(folder: &Path, sweep: &str) -> PathBuf {
     file
 }
 
-/// Every file below a folder with its bytes.
-fn tree(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let mut files = Vec::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(next) = folders.pop() {
-        for entry in std::fs::read_dir(next).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let name = path.strip_prefix(folder).unwrap().to_string_lossy().into_owned();
-                files.push((name, std::fs::read(path).unwrap()));
-            }
-        }
-    }
-    files.sort();
-    files
-}
-
 #[test]
 fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     let place = tempfile::tempdir().unwrap();
     let sweep = write(place.path(), SWEEP);
     let whole = place.path().join("whole");
     run(&["sweep", path(&sweep), "--out", path(&whole)]);
-    let expected = tree(&whole);
-    assert!(expected.iter().any(|(name, _)| name == "cases.csv"));
-    assert_eq!(expected.iter().filter(|(name, _)| name.ends_with("SHA256SUMS")).count(), 6);
+    let expected = tree(&whole).unwrap();
+    assert!(expected.contains_key("cases.csv"));
+    assert_eq!(expected.keys().filter(|name| name.ends_with("SHA256SUMS")).count(), 6);
 
     // Seven shards of six cases, in reverse order; one of them is empty.
     let shards = place.path().join("shards");
     for k in (1..=7).rev() {
         run(&["sweep", path(&sweep), "--out", path(&shards), "--shard", &format!("{k}/7")]);
     }
-    assert!(tree(&shards) == expected, "7 shards");
+    assert!(tree(&shards).unwrap() == expected, "7 shards");
 
     // Two tasks of a job array in separate folders, merged and collected.
     let together = place.path().join("together");
@@ -94,10 +76,10 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
         }
     }
     run(&["sweep", path(&sweep), "--out", path(&together), "--collect"]);
-    assert!(tree(&together) == expected, "tasks in folders of their own");
+    assert!(tree(&together).unwrap() == expected, "tasks in folders of their own");
     let other = fail(2, &["sweep", path(&sweep), "--out", path(&together), "--collect", "--seed", "9"]);
     assert!(other.contains("case_00000/datapackage.json: belongs to another sweep"), "{other}");
-    assert!(tree(&together) == expected, "left as it was");
+    assert!(tree(&together).unwrap() == expected, "left as it was");
 }
 
 /// A share that was not asked for would pass for the whole.

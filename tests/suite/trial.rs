@@ -4,7 +4,7 @@ use std::io::{Cursor, Write};
 use std::process::Stdio;
 
 use serde_json::Value;
-use suite::microsig::{fail, generate, microsig, path, run, write};
+use suite::microsig::{fail, generate, json, microsig, path, run, write};
 
 /// Dense: many particles lie within the gate of others.
 const DENSE: &str = r#"(
@@ -21,9 +21,7 @@ fn the_truth_has_no_uncertainty_of_idf1_and_its_score_can_be_compared() {
     let place = tempfile::tempdir().unwrap();
     let (dataset, score) = (generate(place.path(), "dataset", DENSE), place.path().join("score"));
     let tracks = dataset.join("truth/tracks.csv");
-    let result =
-        run(&["evaluate", path(&dataset), path(&tracks), "--out", path(&score), "--json", "--quiet"]);
-    let result: Value = serde_json::from_str(&result).unwrap();
+    let result = json(&["evaluate", path(&dataset), path(&tracks), "--out", path(&score)]);
     assert_eq!(result["identity"]["interval_idf1"], serde_json::json!([1.0, 1.0]));
     run(&["compare", path(&score), "--out", path(&place.path().join("board"))]);
 }

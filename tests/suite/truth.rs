@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use suite::microsig::{path, run};
+use suite::microsig::{json, path, run};
 
 /// A dataset with a sensor of 128 x 96 px and the other sections given by the test.
 fn dataset(place: &Path, name: &str, rest: &str) -> PathBuf {
@@ -176,7 +176,7 @@ fn evaluate_reads_every_definition_of_the_field() {
     }
     let file = place.path().join("field.csv");
     std::fs::write(&file, result).unwrap();
-    let score: Value = serde_json::from_str(&run(&["evaluate", path(&out), path(&file), "--json"])).unwrap();
+    let score: Value = json(&["evaluate", path(&out), path(&file)]);
     let truths = &score["field"]["truths"];
     let aee = |kind: &str| truths[kind]["aee_px"].as_f64().unwrap();
     assert!(aee("central") < 1e-9, "{}", aee("central"));
@@ -276,7 +276,7 @@ fn tracks_tell_how_visible_every_particle_is() {
     assert!(tracks["frame"].iter().zip(&tracks["u_mid_um_s"]).all(|(f, u)| (*f == 1.0) == u.is_nan()));
 
     let result = path(&out.join("truth/tracks.csv")).to_owned();
-    let score: Value = serde_json::from_str(&run(&["evaluate", path(&out), &result, "--json"])).unwrap();
+    let score: Value = json(&["evaluate", path(&out), &result]);
     let against: Vec<&str> =
         score["curves"].as_array().unwrap().iter().map(|c| c["against"].as_str().unwrap()).collect();
     assert!(against.contains(&"snr") && against.contains(&"overlap"), "{against:?}");
