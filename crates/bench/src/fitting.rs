@@ -138,9 +138,6 @@ impl FitFolder {
     }
 
     /// Writes a fit of the scan of this name.
-    ///
-    /// # Errors
-    /// Writing.
     pub fn finish(self, made: &FittedScan, scan: &str, out: &Path) -> Result<()> {
         made.write(self.partial.folder(), scan, out)?;
         self.partial.finish(self.earlier)

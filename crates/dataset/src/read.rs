@@ -24,9 +24,6 @@ pub struct TableReader<R> {
 
 impl TableReader<File> {
     /// Opens a table; it must be a regular file.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
     pub fn open(path: impl Into<InputFile>) -> Result<Self> {
         let file = path.into();
         TableReader::new(&file.display().to_string(), file.open()?)
@@ -44,9 +41,6 @@ fn unreadable(name: &str, error: csv::Error) -> Error {
 
 impl<R: Read> TableReader<R> {
     /// A table of this name in messages.
-    ///
-    /// # Errors
-    /// A header that cannot be read.
     pub fn new(name: &str, reader: R) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(reader);
         let header = reader.headers().map_err(|e| unreadable(name, e))?;
@@ -153,9 +147,6 @@ fn push(values: &mut Values, cell: &str) -> bool {
 }
 
 /// The rows of a table in a dataset, which must have the columns in `needed`.
-///
-/// # Errors
-/// As for [`TableReader::rows`].
 pub fn read_rows<T: Row>(dataset: &Path, needed: &[&str]) -> Result<Vec<T>> {
     let mut rows = Vec::new();
     let keep = |_: u64, row: T| {

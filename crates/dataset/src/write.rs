@@ -22,9 +22,6 @@ const BUFFER: usize = 1 << 15;
 
 impl TableWriter {
     /// Creates the file of a table in the folder of a dataset and writes the header.
-    ///
-    /// # Errors
-    /// Writing.
     pub fn create(folder: &OutputFolder, table: &Table) -> Result<Self> {
         let writer = BufWriter::with_capacity(BUFFER, Hashing::new(folder.create(table.path)?));
         let mut writer = TableWriter { path: table.path, writer };
@@ -33,17 +30,11 @@ impl TableWriter {
     }
 
     /// Appends rows that [`Table::text`] has written.
-    ///
-    /// # Errors
-    /// Writing.
     pub fn append(&mut self, rows: &str) -> Result<()> {
         self.writer.write_all(rows.as_bytes()).map_err(Error::write(Path::new(self.path)))
     }
 
     /// Completes the table and returns the fingerprint of its file.
-    ///
-    /// # Errors
-    /// Writing.
     pub fn seal(self) -> Result<Fingerprint> {
         let failed = |e: std::io::Error| Error::write(Path::new(self.path))(e);
         let file = self.writer.into_inner().map_err(|e| failed(e.into_error()))?;
@@ -52,9 +43,6 @@ impl TableWriter {
 }
 
 /// Writes a whole table into the folder of a dataset.
-///
-/// # Errors
-/// Writing.
 pub fn write_table<R: Row>(folder: &OutputFolder, table: &Table, rows: &[R]) -> Result<()> {
     let mut writer = TableWriter::create(folder, table)?;
     writer.append(&table.text(rows))?;

@@ -88,8 +88,5 @@ pub trait FieldParameters: Default {
     }
 
     /// Builds the field.
-    ///
-    /// # Errors
-    /// A parameter is out of range.
     fn build(&self) -> Result<Box<dyn VelocityField>>;
 }

@@ -153,17 +153,11 @@ pub struct Recording {
 
 impl Recording {
     /// An image pair, `dt_s` (s) apart.
-    ///
-    /// # Errors
-    /// Values that are out of range or contradict each other.
     pub fn pair(flow: impl Into<Motion>, cloud: &Cloud, scope: &Microscope, dt_s: f64) -> Result<Self> {
         Self::timed(flow, cloud, scope, Timing::Pairs(Pairs::new(1, dt_s)))
     }
 
     /// A time-resolved sequence of `frames` frames, `dt_s` (s) apart.
-    ///
-    /// # Errors
-    /// As for [`Self::pair`].
     pub fn sequence(
         flow: impl Into<Motion>,
         cloud: &Cloud,
@@ -175,9 +169,6 @@ impl Recording {
     }
 
     /// A recording at any times. Files that the keys name are relative to the working directory.
-    ///
-    /// # Errors
-    /// As for [`Self::pair`].
     pub fn timed(flow: impl Into<Motion>, cloud: &Cloud, scope: &Microscope, timing: Timing) -> Result<Self> {
         let Microscope { optics, render, camera, boundaries, calibration } = scope.clone();
         let spec = Spec {
@@ -193,17 +184,11 @@ impl Recording {
     }
 
     /// The recording of a scenario.
-    ///
-    /// # Errors
-    /// A camera whose values are out of range.
     pub fn of(scenario: Scenario) -> Result<Self> {
         Ok(Recording { camera: camera(&scenario)?, scenario })
     }
 
     /// The same with another seed of all random numbers; the default is 0.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn seed(mut self, seed: u64) -> Result<Self> {
         self.scenario.reseed(seed);
         Self::of(self.scenario)
@@ -230,9 +215,6 @@ impl Recording {
 
     /// The calibration stack: images of a particle through the depth range, each with its row of the table of
     /// the stack. Empty if the optics have none.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn calibration(&self) -> Result<Vec<(CalibrationRow, Image)>> {
         let scan = self.scenario.scan_of_mean()?;
         let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, &scan)? else {
@@ -311,9 +293,6 @@ impl Frame<'_> {
     }
 
     /// Writes the image as TIFF.
-    ///
-    /// # Errors
-    /// Writing.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         save_bytes(path, &self.recording.camera.tiff(&self.image(), None, path)?)
@@ -321,9 +300,6 @@ impl Frame<'_> {
 
     /// The truth: the rows of the tables of a dataset, with signal-to-noise ratio and overlap of each particle
     /// image, and the displacements since the previous frame.
-    ///
-    /// # Errors
-    /// A trajectory that cannot be integrated.
     pub fn truth(&self) -> Result<FrameTruth> {
         self.truth.frame(&self.frame, self.before.as_deref())
     }

@@ -8,9 +8,6 @@ use super::manifest::About;
 use super::stacks::Stacks;
 
 /// Writes the card.
-///
-/// # Errors
-/// Writing.
 pub(crate) fn write(folder: &OutputFolder, about: &About<'_>) -> Result<()> {
     folder.save_bytes("README.md", text(about))
 }

@@ -135,9 +135,6 @@ impl Known {
     }
 
     /// Writes the tables into the folder.
-    ///
-    /// # Errors
-    /// Writing.
     pub(crate) fn write(&self, folder: &OutputFolder, frames: &Frames, dt_s: Option<f64>) -> Result<()> {
         folder.subfolder("truth")?;
         let row = |frame: usize| FrameRow {

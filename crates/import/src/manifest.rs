@@ -44,9 +44,6 @@ impl About<'_> {
 }
 
 /// Writes manifest and checksums.
-///
-/// # Errors
-/// Writing.
 pub(crate) fn seal(partial: &Partial, about: &About<'_>) -> Result<()> {
     let folder = partial.folder();
     let size = about.frames.size();

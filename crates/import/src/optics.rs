@@ -57,9 +57,6 @@ pub(crate) struct Model {
 
 impl Optics {
     /// Reads the scenario.
-    ///
-    /// # Errors
-    /// A scenario that cannot be used.
     pub(crate) fn read(file: &InputFile, context: &Context) -> Result<Self> {
         Ok(Optics { scenario: scenario::load(file, &[], None, context)?, file: file.display().to_string() })
     }

@@ -186,9 +186,6 @@ impl Stacks {
     }
 
     /// Writes images, table and, with a model of the optics, settings and data files.
-    ///
-    /// # Errors
-    /// Writing.
     pub(crate) fn write(&self, folder: &OutputFolder, um_per_px: f64, model: Option<&Model>) -> Result<()> {
         let scale = PixelScale::um_per_px(um_per_px);
         let mut rows = Vec::new();

@@ -57,9 +57,6 @@ macro_rules! field {
 
         impl Field {
             /// Draws new seeds for all random fields, including nested ones.
-            ///
-            /// # Errors
-            /// Errors of `draw`.
             pub fn reseed(&mut self, draw: &mut impl FnMut() -> Result<u64>) -> Result<()> {
                 match self {
                     $(Field::$variant(p) => p.seed().map_or(Ok(()), |seed| Ok(*seed = draw()?)),)*

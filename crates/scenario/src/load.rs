@@ -85,9 +85,6 @@ pub fn load(
 }
 
 /// [`load`] for a text, with its name in messages and the folder that paths in it are relative to.
-///
-/// # Errors
-/// As for [`load`].
 pub fn load_text(
     text: &str,
     (name, folder): (&str, &Path),
@@ -197,9 +194,6 @@ pub struct Assignment {
 
 impl Assignment {
     /// Parses texts `path=value`.
-    ///
-    /// # Errors
-    /// As for [`Assignment::from_str`].
     pub fn all(texts: &[String]) -> Result<Vec<Self>> {
         texts.iter().map(|text| text.parse()).collect()
     }

@@ -132,9 +132,6 @@ pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Resu
 
 /// The sensor of a dataset. Without a detector it is MicroSIG's own, except that counts are rounded only
 /// once, after adding noise, so that faint light is not lost.
-///
-/// # Errors
-/// A value of the detector that is out of range.
 pub fn sensor(
     settings: &Settings,
     detector: Option<&Detector>,

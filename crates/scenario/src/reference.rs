@@ -25,9 +25,6 @@ fn filled() -> Result<Value> {
 }
 
 /// A commented scenario to start from.
-///
-/// # Errors
-/// None: the tests make sure that the scenario is valid.
 pub fn template() -> Result<String> {
     let header = "A scenario: what is imaged, through which optics, and when. All keys except `name`, `motion` and `timing` are \
                   optional. Values are the defaults; keys that are commented out are off or follow from other keys.";

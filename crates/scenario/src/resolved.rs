@@ -210,17 +210,11 @@ impl Scenario {
     }
 
     /// Noise-free images of a sphere of diameter `d_um` (um) through a range of physical depths (um).
-    ///
-    /// # Errors
-    /// Depths at which the particle cannot be rendered.
     pub fn scan(&self, d_um: f64, range_um: (f64, f64)) -> Result<DepthScan> {
         scan(&self.spec, (&self.settings, self.depth_factor()), d_um, range_um, &self.context)
     }
 
     /// [`Self::scan`] of the mean diameter through the depth range.
-    ///
-    /// # Errors
-    /// Depths at which the particle cannot be rendered.
     pub fn scan_of_mean(&self) -> Result<DepthScan> {
         self.scan(self.diameters_um()[1], self.depth_range_um)
     }
@@ -251,17 +245,11 @@ impl Scenario {
     }
 
     /// The sensor with its fixed-pattern noise.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn sensor(&self) -> Result<Sensor> {
         sensor(&self.settings, self.detector.as_ref(), self.spec.image_format(), &self.streams)
     }
 
     /// Response of the camera to light at the image center, without fixed-pattern noise.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn response(&self) -> Result<Response> {
         response(&self.settings, self.detector.as_ref())
     }

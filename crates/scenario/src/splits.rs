@@ -88,9 +88,6 @@ pub fn derived_seed(seed: u64, name: &str) -> u64 {
 }
 
 /// The scenario with new seeds for its random velocity fields.
-///
-/// # Errors
-/// Errors of `draw`.
 pub fn reseeded(mut spec: Spec, mut draw: impl FnMut() -> Result<u64>) -> Result<Spec> {
     match &mut spec.motion {
         Motion::Flow(flow) => flow.field.reseed(&mut draw)?,

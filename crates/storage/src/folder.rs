@@ -110,9 +110,6 @@ impl FolderClaim {
     }
 
     /// Continues the folder of an interrupted run, or starts it. It is kept if not finished.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn resume(self) -> Result<Partial> {
         let before = self.left_over()?.unwrap_or_default();
         let partial = self.begin(before, false)?;

@@ -77,9 +77,6 @@ pub struct TemporaryFolder {
 
 impl TemporaryFolder {
     /// Creates the folder in the system's temporary directory.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn new() -> Result<Self> {
         let folder = tempfile::tempdir().map_err(Error::write(&std::env::temp_dir()))?;
         let _temporary = Temporary::new(Place::Folder(folder.path().to_owned()));

@@ -45,9 +45,6 @@ impl OutputFolder {
     }
 
     /// A folder in it, which is created with those above it if it does not exist.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn subfolder(&self, name: &str) -> Result<Self> {
         let path = self.join(name);
         std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
@@ -69,18 +66,12 @@ impl OutputFolder {
     }
 
     /// [`OutputFolder::save`] for contents in memory.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn save_bytes(&self, file: impl AsRef<Path>, bytes: impl AsRef<[u8]>) -> Result<()> {
         self.start(&file)?;
         file::save_bytes(&self.join(file), bytes.as_ref())
     }
 
     /// [`OutputFolder::save_bytes`] with permissions for the owner only.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn save_private(&self, file: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
         self.start(&file)?;
         file::save_private(&self.join(file), bytes)
@@ -88,9 +79,6 @@ impl OutputFolder {
 
     /// Puts a file of another folder here: as a hard link if `link` and if the file system has links between
     /// the two places, as a copy otherwise. A symbolic link is followed.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn place(&self, file: impl AsRef<Path>, from: &Path, link: bool) -> Result<Placed> {
         self.start(&file)?;
         file::place(from, &self.join(file), link)
@@ -98,9 +86,6 @@ impl OutputFolder {
 
     /// Creates a file that is written over a longer time: not atomically, so only in a folder under
     /// construction.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn create(&self, file: impl AsRef<Path>) -> Result<File> {
         self.start(&file)?;
         let path = self.join(file);
@@ -108,9 +93,6 @@ impl OutputFolder {
     }
 
     /// Records the hash of a finished file: a run that resumes this one keeps the file.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn finished(&self, file: impl AsRef<Path>, fingerprint: &Fingerprint) -> Result<()> {
         let Some(journal) = &self.journal else { return Ok(()) };
         journal.finished(self.entry(file.as_ref()), fingerprint)
@@ -118,9 +100,6 @@ impl OutputFolder {
 
     /// Path of a folder in it that is written as one of its own, with a lock and a journal, such as a
     /// dataset: its lock is recorded here, where it would remain if the process is killed.
-    ///
-    /// # Errors
-    /// An I/O error.
     pub fn nested(&self, name: &str) -> Result<PathBuf> {
         self.start(lock_name(name.as_ref()))?;
         Ok(self.join(name))

@@ -186,9 +186,6 @@ impl Deref for OutputFile {
 }
 
 /// Writes to standard output. A reader that closes it early, such as `head`, is no error.
-///
-/// # Errors
-/// An I/O error.
 pub fn print(bytes: &[u8]) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
     match stdout.write_all(bytes).and_then(|()| stdout.flush()) {

@@ -22,9 +22,6 @@ pub(super) struct ScenarioOptions {
 
 impl ScenarioOptions {
     /// The scenario.
-    ///
-    /// # Errors
-    /// As for [`scenario::load`].
     pub(super) fn load(&self, common: &Common) -> Result<Scenario> {
         scenario::load(&self.file, &Assignment::all(&self.set)?, self.random.seed, &common.context)
     }

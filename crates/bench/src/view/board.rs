@@ -34,9 +34,6 @@ pub(super) fn about(app: &App) -> Value {
 }
 
 /// The scores of a tracker on a dataset, by path; `None` if it has no result for it.
-///
-/// # Errors
-/// A result that cannot be scored.
 pub(super) fn entry(app: &App, dataset: usize, tracker: usize) -> Result<Option<Value>> {
     let Some(open) = app.result(dataset, tracker)? else { return Ok(None) };
     let scores = columns().map(|def| (def.path.to_owned(), def.measured(open.score()).0.into()));

@@ -107,9 +107,6 @@ impl Indexed {
     }
 
     /// All rows of a small table.
-    ///
-    /// # Errors
-    /// As for [`Indexed::rows`].
     pub(super) fn all(&self) -> Result<Vec<Vec<f64>>> {
         self.starts
             .first()

@@ -142,9 +142,6 @@ impl OpenDataset {
 
     /// The true particles of a frame by columns; `row` is the row of the first one in the table. Null without
     /// truth.
-    ///
-    /// # Errors
-    /// A table that cannot be read.
     pub(super) fn truth(&self, frame: u32) -> Result<Value> {
         let tracks = self.tracks()?;
         let Some(tracks) = tracks.as_ref() else { return Ok(Value::Null) };
@@ -154,9 +151,6 @@ impl OpenDataset {
 
     /// The vectors of the true field of an image pair by columns; a steady field applies to every pair. If
     /// there are too many vectors to draw, only every n-th row.
-    ///
-    /// # Errors
-    /// A table that cannot be read.
     pub(super) fn field(&self, pair: u32) -> Result<Value> {
         let field = once(&self.field, || optional(&self.folder.join(FieldRow::PATH)))?;
         let Some(field) = field.as_ref() else { return Ok(Value::Null) };
@@ -176,9 +170,6 @@ impl OpenDataset {
     }
 
     /// Peak, widths and area of particle images over depth.
-    ///
-    /// # Errors
-    /// A scenario that cannot be read, for example in a test split.
     pub(super) fn depth(&self) -> Result<Value> {
         let optics = self.optics()?;
         let (rows, image) = depth::measure(&optics.0, &optics.1)?;
@@ -186,9 +177,6 @@ impl OpenDataset {
     }
 
     /// The noise-free image of a particle of a frame; null if there is no such particle.
-    ///
-    /// # Errors
-    /// A scenario or table that cannot be read.
     pub(super) fn particle(&self, frame: u32, row: usize) -> Result<Value> {
         let tracks = self.tracks()?;
         let Some(tracks) = tracks.as_ref() else { return Ok(Value::Null) };

@@ -38,9 +38,6 @@ fn described(problem: &Problem, text: &str) -> Value {
 }
 
 /// Initial name, text and presets of the page.
-///
-/// # Errors
-/// A scenario that cannot be read.
 pub(super) fn about(subject: &Subject) -> Result<Value> {
     let (name, text) = subject.text()?;
     let presets = shipped().into_iter().filter(|shipped| !shipped.is_sweep());

@@ -60,9 +60,6 @@ pub(super) fn strip(scan: &DepthScan, rows: &[DepthRow]) -> (Value, Vec<u8>) {
 
 /// The noise-free image of one particle around its center: corner (px, from 1) and mean counts, including the
 /// background.
-///
-/// # Errors
-/// None for a resolved scenario.
 pub(super) fn crop(scenario: &Scenario, particle: &Particle) -> Result<Value> {
     let (width, height) = (scenario.settings.pixel_dim_x as i64, scenario.settings.pixel_dim_y as i64);
     let (reach_x, reach_y) = scenario.renderer.image_extent(particle);

@@ -89,9 +89,6 @@ pub(super) struct Filter {
 
 impl OpenResult {
     /// Scores a result as `microsig evaluate` does.
-    ///
-    /// # Errors
-    /// As for [`evaluate_files`].
     pub(super) fn open(dataset: &Path, path: &Path) -> Result<Self> {
         let evaluation = evaluate_files(dataset, path, &EvaluateOptions::default())?;
         let (points, vectors) = match &evaluation.particles {

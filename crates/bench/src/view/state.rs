@@ -154,9 +154,6 @@ impl App {
     }
 
     /// The dataset with an index; `None` if it does not exist.
-    ///
-    /// # Errors
-    /// A dataset that cannot be read.
     pub(super) fn dataset(&self, number: usize) -> Result<Option<Arc<OpenDataset>>> {
         let Some(entry) = self.subject.datasets.get(number) else { return Ok(None) };
         if let Some(open) = self.datasets.find(number) {
@@ -166,9 +163,6 @@ impl App {
     }
 
     /// The result of a tracker for a dataset; `None` if it does not exist.
-    ///
-    /// # Errors
-    /// A result that cannot be scored.
     pub(super) fn result(&self, dataset: usize, tracker: usize) -> Result<Option<Arc<OpenResult>>> {
         let Some(entry) = self.subject.datasets.get(dataset) else { return Ok(None) };
         let path =

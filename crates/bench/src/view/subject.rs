@@ -145,9 +145,6 @@ impl Subject {
     }
 
     /// Name and text with which the editor starts.
-    ///
-    /// # Errors
-    /// A scenario that cannot be read.
     pub fn text(&self) -> Result<(String, String)> {
         let path = match (&self.scenario, self.datasets.first()) {
             (Some(path), _) if path.exists() => path.clone(),

@@ -54,9 +54,6 @@ const MIN_STEPS_IN_FOCUS: f64 = 3.75;
 
 /// The step of the stacks, um: as given, or small enough for the depth range and the depth of field of the
 /// smallest size.
-///
-/// # Errors
-/// None for a resolved scenario.
 fn step_um(scenario: &Scenario, sizes_um: &[f64], scan: &DepthScan) -> Result<f64> {
     if let Some(step_um) = scenario.spec.calibration.as_ref().and_then(spec::Calibration::given_step_um) {
         return Ok(step_um);
@@ -143,9 +140,6 @@ struct PlaceSensor {
 impl CalibrationStack {
     /// The stacks, if the scenario has any. `camera`: camera of the dataset's frames; `scan`: noise-free
     /// images of a particle of the mean diameter through the depth range.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn of(scenario: &Scenario, camera: &Camera, scan: &DepthScan) -> Result<Option<Self>> {
         let sizes_um = scenario.calibrated_um();
         if sizes_um.is_empty() {

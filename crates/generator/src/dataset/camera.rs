@@ -28,9 +28,6 @@ pub struct Camera {
 impl Camera {
     /// The camera of a dataset with this renderer and detector; without a detector, its sensor is MicroSIG's
     /// own.
-    ///
-    /// # Errors
-    /// A value of the detector that is out of range.
     pub fn of_dataset(scenario: &Scenario, renderer: Renderer, detector: Option<&Detector>) -> Result<Self> {
         let streams = scenario.streams;
         let sensor = sensor(renderer.settings(), detector, scenario.spec.image_format(), &streams)?;

@@ -54,9 +54,6 @@ impl Ledger {
     }
 
     /// Adds the next frame.
-    ///
-    /// # Errors
-    /// Writing to the system's temporary folder.
     pub(crate) fn add_frame(&mut self, entry: &FrameEntry) -> Result<()> {
         let frames = self.frames.get_mut().unwrap_or_else(PoisonError::into_inner);
         let mut bytes = Vec::with_capacity(ENTRY);
@@ -69,9 +66,6 @@ impl Ledger {
     }
 
     /// The entry of a frame that has been added.
-    ///
-    /// # Errors
-    /// Reading from the system's temporary folder.
     pub(crate) fn frame(&self, index: u32) -> Result<FrameEntry> {
         let mut frames = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
         let mut bytes = [0; ENTRY];

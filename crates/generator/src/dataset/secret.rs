@@ -24,9 +24,6 @@ pub fn text(key: &[u8; 32]) -> String {
 }
 
 /// The secret random number streams of a dataset; `None` if its streams are public.
-///
-/// # Errors
-/// A malformed key file.
 pub fn streams(dataset: &Path) -> Result<Option<Streams>> {
     let path = dataset.join(KEY_FILE);
     if !path.exists() {

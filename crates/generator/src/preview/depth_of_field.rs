@@ -39,9 +39,6 @@ pub(super) fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64)
 /// The depth of field for particles of this diameter (um), from their scan through the depth range, measured
 /// more finely around its highest peak, um; `None` where all depths are in focus. It is a property of the
 /// microscope: where the range ends within it, it is measured beyond the end.
-///
-/// # Errors
-/// None for a scenario that could be resolved.
 pub fn depth_of_field_um(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<Option<f64>> {
     let Some(mut focus_um) = scan.focus_um() else { return Ok(None) };
     let (mut field_um, mut is_cut) = span(scan, |spot| spot.peak, IN_FOCUS);

@@ -137,9 +137,6 @@ pub struct DepthFacts {
 
 impl Preview {
     /// Renders one particle of each size over depth and measures its images.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn of(scenario: &Scenario) -> Result<Self> {
         let mean_um = scenario.diameters_um()[1];
         let mut sizes_um = scenario.mixed_um();
@@ -155,9 +152,6 @@ impl Preview {
 
     /// The same for representative sizes, reusing existing images of the mean size through the depth
     /// range.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn from_scan(scenario: &Scenario, scan: &DepthScan) -> Result<Self> {
         let mean_um = scenario.diameters_um()[1];
         let mut sizes_um = scenario.representative_um();

@@ -25,9 +25,6 @@ pub struct CaseReader {
 
 impl CaseReader {
     /// Opens the table in the folder of a sweep; `None` if it is a table of other columns.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
     pub fn open(sweep: &Path) -> Result<Option<Self>> {
         let reader = TableReader::open(sweep.join(CASES))?;
         let column = |name| reader.column(name);

@@ -62,9 +62,6 @@ const BYTES_PER_NODE: u64 = 250;
 
 impl Cost {
     /// Calculates everything except the duration; `out` is the folder of the dataset.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn of(scenario: &Scenario, out: &Path) -> Result<Self> {
         let settings = &scenario.settings;
         let (frames, threads) = (scenario.recordings.frames(), rayon::current_num_threads());

@@ -71,9 +71,6 @@ pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Genera
 }
 
 /// Generates a dataset; returns `None` if it is to be resumed but is already finished.
-///
-/// # Errors
-/// As for [`generate`].
 pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Generated>> {
     let start = Instant::now();
     let cost = Cost::of(scenario, &options.out)?;

@@ -165,25 +165,16 @@ impl MemoryDataset {
     }
 
     /// The rows of `truth/field.csv`, if the scenario has it.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn field(&self) -> Result<Option<Vec<FieldRow>>> {
         Ok(field::in_memory(&self.scenario, self.scan()?).map(|(_, rows)| rows))
     }
 
     /// The flow, if the scenario has `truth/field.csv`.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn flow(&self) -> Result<Option<ScenarioFlow>> {
         ScenarioFlow::new(Arc::clone(&self.scenario), Some(self.scan()?))
     }
 
     /// The manifest, which lists images and tracks only.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn manifest(&self) -> Result<&Manifest> {
         if let Some(manifest) = self.manifest.get() {
             return Ok(manifest);
@@ -227,9 +218,6 @@ impl MemoryDataset {
     }
 
     /// The tables `truth/depth.csv` and, if the scenario has it, `truth/field.csv`.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
     pub fn field_tables(&self) -> Result<Vec<(Table, Columns)>> {
         let scan = self.scan()?;
         let (rows, _) = depth::measure(&self.scenario, scan)?;

@@ -52,9 +52,6 @@ impl DatasetPlace {
     }
 
     /// The manifest.
-    ///
-    /// # Errors
-    /// A manifest that cannot be read.
     pub fn manifest(&self) -> Result<Cow<'_, Manifest>> {
         match self {
             DatasetPlace::Folder(folder) => Manifest::read(folder).map(Cow::Owned),
@@ -89,9 +86,6 @@ impl DatasetPlace {
     }
 
     /// A frame or an image of a calibration stack, by its path; `bits` is the depth of images in a folder.
-    ///
-    /// # Errors
-    /// An image that does not exist or cannot be read.
     pub fn whole_image(&self, path: &str, bits: u8) -> Result<Image> {
         match self {
             DatasetPlace::Folder(folder) => {
@@ -106,9 +100,6 @@ impl DatasetPlace {
     }
 
     /// Whether the dataset has calibration stacks.
-    ///
-    /// # Errors
-    /// Stacks that cannot be rendered.
     pub fn has_calibration(&self) -> Result<bool> {
         match self {
             DatasetPlace::Folder(folder) => Ok(folder.join(CalibrationRow::PATH).is_file()),
@@ -142,9 +133,6 @@ impl DatasetPlace {
 
     /// The settings with which the calibration stacks were made, if they are known; the numerical aperture of those in a folder is less
     /// than `largest`.
-    ///
-    /// # Errors
-    /// A settings file that cannot be read.
     pub fn calibration_settings(&self, largest: f64) -> Result<Option<Settings>> {
         match self {
             DatasetPlace::Folder(folder) => {

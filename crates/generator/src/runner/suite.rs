@@ -307,9 +307,6 @@ pub struct SuiteCheck {
 /// Compares the chosen datasets of a suite with the frozen checksums: either those in `folder`, which are
 /// verified file by file, or all of them, generated again. Without checksums (`None`) there are no
 /// differences.
-///
-/// # Errors
-/// A dataset that cannot be generated.
 pub fn check_suite(
     suite: &Suite,
     size: Size,

@@ -82,9 +82,6 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress, context: &Co
 }
 
 /// Checks size and hash of every resource and the columns of every table against the manifest.
-///
-/// # Errors
-/// A file that cannot be read.
 fn manifest_agrees(
     dataset: &Path,
     fingerprints: &BTreeMap<String, Fingerprint>,

@@ -202,9 +202,6 @@ fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particl
 }
 
 /// Writes the particles in the given layout, numbers in the shortest form that reads back to the same value.
-///
-/// # Errors
-/// Errors of the writer; `InvalidInput` if the layout lacks a column that a particle needs.
 pub fn write(mut writer: impl Write, particles: &[Particle], layout: Layout) -> std::io::Result<()> {
     let needed = Layout::of(particles);
     if (needed.spheroids && !layout.spheroids) || (needed.c_int && !layout.c_int) {

@@ -40,9 +40,6 @@ pub fn read(reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
 
 /// As [`read`], for an objective whose immersion has the refractive index `n_i`: the numerical aperture must
 /// be less. The file itself does not know the immersion.
-///
-/// # Errors
-/// As for [`read`].
 pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<SettingsFile, Error> {
     let mut bytes = Vec::new();
     reader.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::io(name, e))?;
@@ -125,9 +122,6 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
 }
 
 /// Writes a settings file; [`read`] returns the same values.
-///
-/// # Errors
-/// Errors of the writer.
 pub fn write(mut writer: impl Write, settings: &Settings) -> std::io::Result<()> {
     for (key, value) in KEYS.iter().zip(settings.values()) {
         writeln!(writer, "{} = {value}", key.name)?;

@@ -156,9 +156,6 @@ pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result
 
 /// Reads a file like [`read`], as whole counts in [`little_endian`] bytes; others are rounded and clamped.
 /// Not generic, so that it is optimized like this crate, whoever calls it.
-///
-/// # Errors
-/// As of [`read`].
 pub fn read_bytes(file: File, name: &str, size: (u32, u32)) -> Result<Vec<u8>, Error> {
     Ok(little_endian(&read_counts(BufReader::with_capacity(1 << 18, file), name, size)?.whole()))
 }
@@ -169,9 +166,6 @@ pub fn little_endian(counts: &[u16]) -> Vec<u8> {
 }
 
 /// Reads an image like [`read`], with the numbers that are in the file.
-///
-/// # Errors
-/// As of [`read`].
 pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Counts, Error> {
     let refuse = |message: String| malformed(name, message);
     let damaged = |e: TiffError| refuse(told(&e));

@@ -256,9 +256,6 @@ impl Renderer {
     }
 
     /// [`Tables::shortfall`]; `None` without tables.
-    ///
-    /// # Errors
-    /// Those of [`Tables::shortfall`].
     pub fn shortfall(&self) -> Result<Option<String>, Error> {
         self.tables().map_or(Ok(None), Tables::shortfall)
     }

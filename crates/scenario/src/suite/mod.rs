@@ -138,9 +138,6 @@ impl Suite {
     }
 
     /// Reads a suite from a text; `name` is its name in messages, and paths in it are relative to `folder`.
-    ///
-    /// # Errors
-    /// As for [`Suite::open`].
     pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Self> {
         read::parse(text, name, folder)
     }

@@ -34,9 +34,6 @@ pub struct Candidates {
 
 impl Candidates {
     /// Finds all pairs within twice the gate.
-    ///
-    /// # Errors
-    /// A gate so wide that a frame has too many pairs.
     pub fn new(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Result<Self> {
         let (mut pairs, mut frames) = (Vec::new(), Vec::new());
         for (frame, t, r) in side_by_side(truth, result) {

@@ -110,9 +110,6 @@ impl<'a> ConventionCheck<'a> {
 
     /// Probable mistakes: from each family of conventions the one that would score best, if it is much better
     /// than the result as read.
-    ///
-    /// # Errors
-    /// A gate that is too wide.
     pub fn hints(&self, score: &Detection) -> Result<Vec<Hint>> {
         if self.truth.rows.is_empty() {
             return Ok(Vec::new());
@@ -411,9 +408,6 @@ impl<'a> ConventionCheck<'a> {
 
     /// The shift of the whole result, px, and F1 without it, as reported by `--auto-offset`. `None` if no
     /// result point is near a true one.
-    ///
-    /// # Errors
-    /// A gate that is too wide.
     pub fn offset(&self) -> Result<Option<([f64; 2], f64)>> {
         let Some(shift) = self.commonest_difference()? else { return Ok(None) };
         let without = self.quality(&|row| {

@@ -89,9 +89,6 @@ pub struct BoundBin {
 /// The bound of a scenario in every bin of the curve over depth; for Gaussian particle images without such a
 /// curve, in a single bin. `sizes`: diameter (um) and brightness of each particle. The inner `Err` says why
 /// there is no bound.
-///
-/// # Errors
-/// Settings that cannot be rendered.
 pub fn of_scenario(
     scenario: &Scenario,
     sizes: &[[f64; 2]],
@@ -132,9 +129,6 @@ pub fn of_scenario(
 impl Crlb {
     /// With the bound of axes: of true spheroids and their depths (um), of which a sample is taken, and the median angle of
     /// those that are found.
-    ///
-    /// # Errors
-    /// Settings or spheroids that cannot be rendered.
     pub fn with_axes(
         self,
         scenario: &Scenario,
@@ -189,9 +183,6 @@ pub struct SpheroidBound {
 
 impl SpheroidBounds {
     /// For spheroids of this equatorial diameter (um).
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn new(scenario: &Scenario, d_um: f64) -> Result<Self> {
         let spec = scenario.spec.renderer().without_ray_noise(TOLERANCE);
         let renderer = spec.build(&large(&scenario.settings), &scenario.context)?;
@@ -200,9 +191,6 @@ impl SpheroidBounds {
     }
 
     /// The bound at a depth (um); `None` if the image does not determine the spheroid.
-    ///
-    /// # Errors
-    /// A spheroid that cannot be rendered.
     pub fn at(&self, z_um: f64, spheroid: Spheroid) -> Result<Option<SpheroidBound>> {
         let middle = f64::from(SIZE / 2 + 1);
         let of = |spheroid| {
@@ -319,9 +307,6 @@ fn of_spot(spot: spec::Gaussian, noise: &[Noise], d_um: f64) -> Option<[f64; 2]>
 
 /// The bound for a sphere at depth `z_um` (as in MicroSIG's data files), centered on a sufficiently large
 /// sensor: sigma of x, y (px), z (um). `None` if the Fisher information is singular.
-///
-/// # Errors
-/// Settings or a particle that cannot be rendered.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
     bound(
         &renderer_of(

@@ -118,9 +118,6 @@ pub struct DepthNode {
 impl Gdpt {
     /// Scores a result with depth. Arguments: half width (px) and half height (um) of the box, and the depth
     /// range (um).
-    ///
-    /// # Errors
-    /// A gate so wide that a frame has too many pairs.
     pub fn of(
         truth: &TrackSet,
         result: &TrackSet,

@@ -89,9 +89,6 @@ pub struct Isbi {
 impl Isbi {
     /// Scores a result; the gate is radial (2-D) or an ellipsoid (3-D). Also gives the sums over units of gain, length of
     /// true tracks and length of unpaired result tracks, all in frames.
-    ///
-    /// # Errors
-    /// A gate so wide that a frame has too many pairs.
     pub fn of(
         truth: &TrackSet,
         result: &TrackSet,

@@ -14,9 +14,6 @@ use storage::error::{Error, Result};
 use storage::input;
 
 /// Facts of a dataset or a bare table; `given` values take precedence.
-///
-/// # Errors
-/// A manifest or table that cannot be read.
 pub fn facts_of(path: &Path, given: &Conventions) -> Result<RecordingFacts> {
     let facts = if path.is_dir() {
         RecordingFacts::read(path)?
@@ -82,9 +79,6 @@ pub fn check_order(dataset: &Path, result: &Path) -> Result<()> {
 }
 
 /// Upper limits on the size of a result, from the size of the truth (a dataset or a bare table).
-///
-/// # Errors
-/// A truth that is unreadable.
 pub fn limits(dataset: &Path, facts: &RecordingFacts) -> Result<Limits> {
     let parts = [TrackRow::PATH, FieldRow::PATH];
     let files = if dataset.is_dir() {
@@ -107,9 +101,6 @@ pub(super) struct TableSize {
 
 impl TableSize {
     /// The size of a file.
-    ///
-    /// # Errors
-    /// A file that is unreadable.
     pub(super) fn of(path: &Path) -> Result<Self> {
         let mut size = TableSize::default();
         let mut reader = BufReader::with_capacity(1 << 16, input::open(path)?);
@@ -135,9 +126,6 @@ impl TableSize {
 
 /// The parameter values of a dataset that is a case of a sweep, from the table of cases in the parent folder.
 /// Empty for other datasets.
-///
-/// # Errors
-/// A table of cases that cannot be read.
 pub(super) fn axes(dataset: &Path) -> Result<BTreeMap<String, serde_json::Value>> {
     let Ok(whole) = dataset.canonicalize() else { return Ok(BTreeMap::new()) };
     let (Some(sweep), Some(name)) = (whole.parent(), whole.file_name()) else { return Ok(BTreeMap::new()) };

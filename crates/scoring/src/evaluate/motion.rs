@@ -82,9 +82,6 @@ pub(super) enum MotionQuantity {
 pub(super) type Sums = Vec<[[f64; 2]; 4]>;
 
 /// The velocities reported by a result, um/s, one per row; `None` if it reports none.
-///
-/// # Errors
-/// The reason why the reported velocities cannot be used.
 pub fn reported<'a>(
     truth: &TrueParticles,
     points: &'a Points,

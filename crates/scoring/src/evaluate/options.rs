@@ -51,9 +51,6 @@ impl EvaluateOptions {
     ];
 
     /// Refuses values out of range.
-    ///
-    /// # Errors
-    /// All of them.
     pub fn check(&self) -> Result<()> {
         let [gate_xy, gate_z, isbi_gate, border, plane] = Self::RANGES;
         let mut wrong = self.conventions.faults();

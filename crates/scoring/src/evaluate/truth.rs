@@ -70,18 +70,12 @@ impl TrueParticles {
     }
 
     /// Reads the truth of a dataset, or a bare table of particles.
-    ///
-    /// # Errors
-    /// Files that are unreadable or malformed.
     pub fn read(path: &Path, given: &Conventions) -> Result<Self> {
         let facts = facts_of(path, given)?;
         if path.is_dir() { Ok(Self::of_dataset(path, facts)?.0) } else { bare(path, facts) }
     }
 
     /// The truth of a dataset in a folder or in memory.
-    ///
-    /// # Errors
-    /// Files that are unreadable or malformed.
     pub fn of_place(dataset: &DatasetPlace) -> Result<Self> {
         let facts = dataset.facts()?;
         match dataset {
@@ -92,9 +86,6 @@ impl TrueParticles {
 
     /// Reads the truth of a dataset in one pass; if it has changed since the dataset was made, the hash in
     /// the facts is replaced. Also returns the size of its table.
-    ///
-    /// # Errors
-    /// Files that are unreadable or malformed.
     pub(super) fn of_dataset(dataset: &Path, facts: RecordingFacts) -> Result<(Self, TableSize)> {
         facts.needs_truth(dataset)?;
         let path = dataset.join(dataset::TrackRow::PATH);
@@ -122,9 +113,6 @@ impl TrueParticles {
     }
 
     /// The truth in rows of a dataset.
-    ///
-    /// # Errors
-    /// A value out of range.
     pub fn of_rows<'r>(
         facts: RecordingFacts,
         tracks: impl Iterator<Item = &'r dataset::TrackRow>,
@@ -174,9 +162,6 @@ impl TrueParticles {
 
     /// Selects the scored points of truth and result. `flat` ignores depth; particles outside the region are not
     /// scored, nor are ghosts there.
-    ///
-    /// # Errors
-    /// A gate so wide that a frame has too many pairs.
     pub fn scored(&self, result: &Points, gate: &Gate, flat: bool, region: Region) -> Result<ScoredPoints> {
         let Region { border_px, depth_um } = region;
         let at = |row: &TrackRow| if flat { Position { z_um: 0.0, ..row.at } } else { row.at };
@@ -388,9 +373,6 @@ fn times(frames: &[FrameRow]) -> BTreeMap<u32, f64> {
 }
 
 /// Reads a bare table.
-///
-/// # Errors
-/// A file that is unreadable or malformed.
 pub(super) fn bare(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
     let points = read_points(path, &Conventions::default())?;
     let mut truth = TrueParticles { facts, has_z: points.has_z, ..TrueParticles::default() };

@@ -30,9 +30,6 @@ pub struct ParticleImage {
 }
 
 /// The rows of the table, NaN where a cell is empty, and the summary for the manifest.
-///
-/// # Errors
-/// None for a resolved scenario.
 pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>, ParticleImage)> {
     let (settings, d_um) = (&scenario.settings, scenario.diameters_um()[1]);
     let middle = (settings.pixel_dim_y / 2) as usize * settings.pixel_dim_x as usize

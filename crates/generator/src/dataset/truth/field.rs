@@ -81,9 +81,6 @@ pub struct ScenarioFlow {
 impl ScenarioFlow {
     /// The flow of a scenario; `None` if it has no true field. `scan` is that of the mean diameter
     /// ([`Scenario::scan_of_mean`]), which is made if it is needed.
-    ///
-    /// # Errors
-    /// Depths at which the particle cannot be rendered.
     pub fn new(scenario: Arc<Scenario>, scan: Option<&DepthScan>) -> Result<Option<Self>> {
         let Some((nodes, field)) = grid(&scenario) else { return Ok(None) };
         let depths = match scan {
@@ -97,9 +94,6 @@ impl ScenarioFlow {
     }
 
     /// The flow of the scenario in a dataset's folder, at the times of its frames.
-    ///
-    /// # Errors
-    /// A scenario that cannot be read or resolved.
     pub fn of_dataset(dataset: &Path, context: &Context) -> Result<Option<Self>> {
         let (mut scenario, _) = scenario::of_dataset(dataset, context)?;
         // Jitter of the times is random.
@@ -127,9 +121,6 @@ impl TrueFlow for ScenarioFlow {
 }
 
 /// Writes the table into a dataset's folder, one pair after the other.
-///
-/// # Errors
-/// Writing.
 pub(super) fn write(folder: &OutputFolder, scenario: &Scenario, stack: &DepthScan) -> Result<()> {
     let Some((nodes, field)) = grid(scenario) else { return Ok(()) };
     let table = table(&nodes);

@@ -125,9 +125,6 @@ pub struct FrameTruth {
 
 impl<'a> Truth<'a> {
     /// The truth of a scenario rendered by `renderer`.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn new(scenario: &'a Scenario, renderer: &'a Renderer) -> Result<Self> {
         Ok(Truth {
             scenario,
@@ -158,9 +155,6 @@ impl<'a> Truth<'a> {
     }
 
     /// The truth of a frame, with displacements from the previous frame if the two are linked.
-    ///
-    /// # Errors
-    /// A trajectory that cannot be integrated.
     pub fn frame(&self, frame: &Frame, before: Option<&Frame>) -> Result<FrameTruth> {
         let scenario = self.scenario;
         let View { energy, sights, rendered } = self.viewer.view(frame);
@@ -376,9 +370,6 @@ pub(crate) struct TruthWriter {
 
 impl TruthWriter {
     /// Starts the tables in a dataset's folder.
-    ///
-    /// # Errors
-    /// Writing.
     pub(crate) fn create(folder: &OutputFolder, scenario: &Scenario) -> Result<Self> {
         let start = |table: &Table| TableWriter::create(folder, table);
         Ok(TruthWriter {
@@ -391,9 +382,6 @@ impl TruthWriter {
     }
 
     /// Writes the next frame.
-    ///
-    /// # Errors
-    /// Writing.
     pub(crate) fn add(&mut self, text: &FrameText) -> Result<()> {
         self.frames.append(&text.frame)?;
         text.tracks.iter().try_for_each(|rows| self.tracks.append(rows))?;
@@ -406,9 +394,6 @@ impl TruthWriter {
     }
 
     /// Finishes the tables and adds them to the ledger.
-    ///
-    /// # Errors
-    /// Writing.
     pub(crate) fn finish(self, ledger: &mut Ledger) -> Result<Census> {
         ledger.add(FrameRow::PATH, self.frames.seal()?);
         ledger.add(TrackRow::PATH, self.tracks.seal()?);

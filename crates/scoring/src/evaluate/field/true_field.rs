@@ -381,9 +381,6 @@ pub fn of_memory(made: &MemoryDataset, facts: RecordingFacts, plane_um: Option<f
 }
 
 /// The flow of the scenario in a dataset's folder; `None` without one, as in a recording.
-///
-/// # Errors
-/// A scenario that cannot be read or resolved.
 pub(in super::super) fn flow_of_dataset(
     dataset: &Path,
     context: &Context,
