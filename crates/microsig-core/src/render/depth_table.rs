@@ -7,12 +7,15 @@
 
 use std::fmt::Debug;
 
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
 use super::field_nodes::FieldNodes;
 use super::spline;
 use crate::bspline;
 
 /// Layout of the coefficients of a plane, and the spline that they are the coefficients of.
-pub trait PlaneLayout: Debug + Clone + Send + Sync {
+pub trait PlaneLayout: Debug + Clone + Send + Sync + Serialize + DeserializeOwned {
     /// Number of coefficients per plane.
     fn length(&self) -> usize;
 
@@ -20,15 +23,12 @@ pub trait PlaneLayout: Debug + Clone + Send + Sync {
     /// position of the pixel (1/px) and the depth of the particle (1/um): value, d/dx, d/dy, d/dz.
     fn at(&self, plane: &InterpolatedPlane, dx: f64, dy: f64) -> [f64; 4];
 
-    /// A table as bytes, for a store.
-    fn write(table: &DepthTable<Self>) -> Vec<u8>;
-
-    /// A table from such bytes; `None` if they are none.
-    fn read(bytes: &[u8]) -> Option<DepthTable<Self>>;
+    /// [`PlaneLayout::length`] of a layout that was read; `None` if no plane is so large.
+    fn checked_length(&self) -> Option<usize>;
 }
 
 /// A table of images over a range of depths and sizes.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct DepthTable<L> {
     /// Depth of plane 1, um; plane 0 is before the range of the table.
     pub(super) start_um: f64,
@@ -135,11 +135,18 @@ impl<L: PlaneLayout> DepthTable<L> {
         [a[0].max(b[0]), a[1].max(b[1])]
     }
 
-    /// Whether a table that was read holds together, with planes of `length` coefficients; `None`: no plane
-    /// is so large.
-    pub(super) fn holds(&self, length: Option<usize>) -> bool {
-        let images = self.field.count().checked_mul(self.radii.len());
-        let all = || images?.checked_mul(self.planes)?.checked_mul(length?);
-        all() == Some(self.coefficients.len()) && self.reach_px.len() == self.planes && self.planes >= 4
+    /// As bytes, for a store.
+    pub(super) fn write(&self) -> Vec<u8> {
+        postcard::to_allocvec(self).unwrap_or_default()
+    }
+
+    /// From such bytes; `None` if they are none.
+    pub(super) fn read(bytes: &[u8]) -> Option<Self> {
+        let table: Self = postcard::from_bytes(bytes).ok()?;
+        let images = table.field.count().checked_mul(table.radii.len())?;
+        let all = images.checked_mul(table.planes)?.checked_mul(table.layout.checked_length()?)?;
+        let fits =
+            all == table.coefficients.len() && table.reach_px.len() == table.planes && table.planes >= 4;
+        fits.then_some(table)
     }
 }

@@ -7,7 +7,7 @@
 pub(super) const MOST: usize = 7;
 
 /// Places in the field, and the polynomial through values at them.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct FieldNodes {
     degree: usize,
     /// Center of the rectangle and half its width and height, px.
@@ -33,20 +33,6 @@ impl FieldNodes {
         };
         let rows: Vec<f64> = padua(degree).into_iter().flat_map(|at| nodes.basis(at)).collect();
         FieldNodes { inverse: inverted(rows, nodes.count()), ..nodes }
-    }
-
-    /// Degree, center and half size, from which [`FieldNodes::from_parts`] makes the same nodes.
-    pub(super) fn parts(&self) -> (usize, [f64; 2]) {
-        (self.degree, self.half_px.map(|half| 2.0 * half))
-    }
-
-    pub(super) fn from_parts((degree, size_px): (usize, [f64; 2])) -> Option<FieldNodes> {
-        let usable = size_px.into_iter().all(|size| size.is_finite() && size > 0.0);
-        match degree {
-            0 => Some(FieldNodes::one()),
-            1..=MOST if usable => Some(FieldNodes::new(degree, size_px)),
-            _ => None,
-        }
     }
 
     /// Number of places.
@@ -162,7 +148,6 @@ mod tests {
                 let sum: f64 = weights.iter().zip(&places).map(|(w, place)| w * value(*place)).sum();
                 assert!((sum - value(at)).abs() < 1e-10, "{degree} {at:?}: {sum}, not {}", value(at));
             }
-            assert_eq!(FieldNodes::from_parts(nodes.parts()), Some(nodes));
         }
         assert_eq!(FieldNodes::one().weights([3.0, 4.0]), [1.0]);
     }

@@ -8,7 +8,7 @@ use super::depth_table::InterpolatedPlane;
 use super::image_sum::LANES;
 
 /// Nodes of a plane: one quadrant, including the axes, or all.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NodeLayout {
     /// Nodes per px, which is the number of phases in a row.
     pub(super) per_px: usize,
@@ -40,6 +40,11 @@ impl NodeLayout {
     /// Length of a plane, numbers.
     pub(super) fn length(&self) -> usize {
         self.rows * self.row()
+    }
+
+    /// The same of a layout that was read; `None` if no plane is so large.
+    pub(super) fn checked_length(&self) -> Option<usize> {
+        self.per_px.checked_mul(self.run)?.checked_mul(self.rows)
     }
 
     fn stored(&self, node: isize, origin: usize, nodes: usize) -> Option<usize> {

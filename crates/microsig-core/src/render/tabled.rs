@@ -358,12 +358,12 @@ impl<M: ImageModel> TabledRenderer<M> {
         let whole = format!("{name} {parameters} {:?} {key:?}", [length_um, sizes_um]);
         // A table that the sensor does not cut off is kept for all sensors.
         let cut = model.cut_parameters().map(|more| format!("{whole} {more}"));
-        let load = |description: &str| M::Layout::read(&store.load(description)?);
+        let load = |description: &str| DepthTable::<M::Layout>::read(&store.load(description)?);
         let found = load(&whole).filter(|table| !model.is_cut(&table.layout));
         let table = found.or_else(|| load(cut.as_ref()?)).unwrap_or_else(|| {
             let table = build();
             let description = cut.as_ref().filter(|_| model.is_cut(&table.layout)).unwrap_or(&whole);
-            store.save(description, &M::Layout::write(&table));
+            store.save(description, &table.write());
             table
         });
         store.made();

@@ -3,11 +3,12 @@
 //! Nodes are equidistant along the radius. Their spacing in a table is linear in depth, like the radius of
 //! the rim, so that edges keep their positions relative to the nodes from plane to plane.
 
+use serde::{Deserialize, Serialize};
+
 use super::pixel_integral::{self, AZIMUTHS};
 use crate::bspline;
 use crate::render::depth_table::InterpolatedPlane;
 use crate::render::spline::{self, SplineDegree};
-use crate::render::store::{Reader, Writer};
 
 /// Nodes per px at the middle depth of a table.
 const PER_PX: f64 = 16.0;
@@ -16,7 +17,7 @@ const PER_PX: f64 = 16.0;
 const MOST_GROWTH: f64 = 0.4;
 
 /// Nodes along the radius, for each azimuthal order.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RadialLayout {
     middle_um: f64,
     /// Relative growth of the node spacing with depth, 1/um.
@@ -47,19 +48,6 @@ impl RadialLayout {
             rings.columns = rings.columns.max(libm::ceil(seen * rings.per_px(z_um)) as usize + 2);
         }
         rings
-    }
-
-    /// As bytes, for a store.
-    pub(super) fn write(&self, out: &mut Writer) {
-        [self.middle_um, self.growth, self.per_px].into_iter().for_each(|value| out.number(value));
-        [self.columns, self.orders].into_iter().for_each(|value| out.whole(value));
-    }
-
-    /// From such bytes.
-    pub(super) fn read(from: &mut Reader<'_>) -> Option<Self> {
-        let [middle_um, growth, per_px] = [from.number()?, from.number()?, from.number()?];
-        let [columns, orders] = [from.whole()?, from.whole()?];
-        Some(RadialLayout { middle_um, growth, per_px, columns, orders })
     }
 
     /// Twice as many nodes per px.
