@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
 use bench::cli::printable;
-use generator::runner::{Progress, Reports, Stop};
+use generator::runner::{Progress, Reports};
 use microsig_core::cancel::Cancellation;
 use pyo3::exceptions::{
     PyFileExistsError, PyFileNotFoundError, PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError,
@@ -105,14 +105,14 @@ pub(crate) fn run<'s, T: Send + 'static>(
     on_interrupt: OnInterrupt,
     work: impl FnOnce(&Progress) -> storage::Result<T> + Send + 'static,
 ) -> PyResult<T> {
-    let (pool, stop, cancellation) = (pool(py)?, Stop::default(), Cancellation::default());
+    let (pool, cancellation) = (pool(py)?, Cancellation::default());
     let (show, (asked, reports), mut reported) = (show.into(), Progress::asked(), None);
     let shown = match &show {
         Show::Terminal(true) if std::io::stderr().is_terminal() => Progress::Bar,
         Show::Terminal(_) => Progress::Hidden,
         Show::Callable(_) => asked,
     };
-    let progress = Progress::Stoppable(stop.clone(), Box::new(shown));
+    let progress = Progress::Stoppable(cancellation.clone(), Box::new(shown));
     let (sender, receiver) = mpsc::channel();
     let cancelled = cancellation.clone();
     let job = move || {
@@ -143,7 +143,6 @@ pub(crate) fn run<'s, T: Send + 'static>(
             Err(mpsc::RecvTimeoutError::Timeout) => {
                 let heard = py.check_signals().and_then(|()| show.report(&reports, &mut reported));
                 if let Err(signal) = heard {
-                    stop.stop();
                     cancellation.cancel();
                     while on_interrupt == OnInterrupt::Wait
                         && matches!(next(TICK), Err(mpsc::RecvTimeoutError::Timeout))

@@ -6,8 +6,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use generator::runner::Stop;
 use generator::stream::{Batch, Distribution, Drawn, Flow, LabelOptions, SampleStream, Split, StreamOptions};
+use microsig_core::cancel::Cancellation;
 use numpy::{Element, PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -160,16 +160,16 @@ impl Samples {
     /// one `step` samples after the previous one.
     fn ahead(&self, py: Python<'_>, first: u64, n: usize, step: u64, ahead: usize) -> PyResult<Ahead> {
         let (sender, receiver) = sync_channel(ahead.max(1) - 1);
-        let (stream, pool, stop) = (Arc::clone(&self.0), pool(py)?, Stop::default());
+        let (stream, pool, stop) = (Arc::clone(&self.0), pool(py)?, Cancellation::default());
         let (work, stopped, threads) = (Arc::clone(&stream), stop.clone(), Arc::clone(&pool));
         let draw = move || {
-            let go_on = || if stopped.is_stopped() { Err(storage::Error::Interrupted) } else { Ok(()) };
+            let go_on = || if stopped.is_cancelled() { Err(storage::Error::Interrupted) } else { Ok(()) };
             let mut at = first;
             loop {
                 let batch = catch_unwind(AssertUnwindSafe(|| threads.install(|| work.batch(at, n, go_on))));
                 let is_last = !matches!(batch, Ok(Ok(_)));
                 // Without a receiver, no more batches are needed.
-                if stopped.is_stopped() || sender.send(batch).is_err() || is_last {
+                if stopped.is_cancelled() || sender.send(batch).is_err() || is_last {
                     return;
                 }
                 at = at.wrapping_add(step);
@@ -192,13 +192,13 @@ struct Parts {
 struct Ahead {
     process: u32,
     stream: Arc<SampleStream>,
-    stop: Stop,
+    stop: Cancellation,
     parts: ManuallyDrop<Parts>,
 }
 
 impl Drop for Ahead {
     fn drop(&mut self) {
-        self.stop.stop();
+        self.stop.cancel();
         if self.process == std::process::id() {
             // SAFETY: dropped only here, and not used afterwards.
             unsafe { ManuallyDrop::drop(&mut self.parts) }

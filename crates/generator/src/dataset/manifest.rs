@@ -275,10 +275,13 @@ fn entry(
     (path, frame): (&str, Option<u32>),
 ) -> Result<(Fingerprint, Resource)> {
     let Some(frame) = frame else {
-        let fingerprint = ledger.other(path).map_or_else(|| fingerprint(&folder.join(path)), Ok)?;
+        let fingerprint = match ledger.others.get(path) {
+            Some(known) => *known,
+            None => fingerprint(&folder.join(path))?,
+        };
         return Ok((fingerprint, resource(path, &fingerprint, tables)));
     };
-    let entry = ledger.frame(frame)?;
+    let entry = &ledger.frames[frame as usize];
     if !path.starts_with(IMAGES) {
         return Ok((entry.particles, resource(path, &entry.particles, tables)));
     }

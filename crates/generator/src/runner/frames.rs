@@ -134,7 +134,7 @@ impl DatasetWriter {
     fn new(folder: &OutputFolder, scenario: &Scenario) -> Result<Self> {
         Ok(DatasetWriter {
             tables: TruthWriter::create(folder, scenario)?,
-            ledger: Ledger::new(),
+            ledger: Ledger::default(),
             sheet: ContactSheet::default(),
             saturated: 0.0,
             end_counts: scenario.sensor()?.saturation_counts(),
@@ -144,7 +144,7 @@ impl DatasetWriter {
     fn add(&mut self, index: u32, text: &FrameText, stored: StoredFrame) -> Result<()> {
         let StoredFrame { particles, image, picture } = stored;
         self.tables.add(text)?;
-        self.ledger.add_frame(&FrameEntry { visible: text.visible(), particles, image })?;
+        self.ledger.frames.push(FrameEntry { visible: text.visible(), particles, image });
         if let Some(picture) = picture {
             self.sheet.add(index, &picture);
             self.saturated = self.saturated.max(saturated_fraction(&picture, self.end_counts));

@@ -22,7 +22,7 @@ pub(crate) use generate::camera;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
 pub use memory::{Calibration, MemoryDataset};
 pub use place::DatasetPlace;
-pub use progress::{Bar, Progress, Stop, Tables};
+pub use progress::{Bar, Progress, Tables};
 pub use recording::Frames;
 pub use render::{RenderOptions, Rendered, render, render_particles};
 pub use reports::Reports;

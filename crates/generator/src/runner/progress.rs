@@ -2,12 +2,12 @@
 
 use std::borrow::Cow;
 use std::io::Write as _;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use indicatif::{
     HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle,
 };
+use microsig_core::cancel::Cancellation;
 use microsig_core::render::TableStore;
 
 use super::reports::{Form, Reported, Reports};
@@ -29,23 +29,7 @@ pub enum Progress {
     /// No bars.
     Hidden,
     /// Work that another thread may stop.
-    Stoppable(Stop, Box<Progress>),
-}
-
-/// Stops work from another thread; clones share the same flag.
-#[derive(Debug, Clone, Default)]
-pub struct Stop(Arc<AtomicBool>);
-
-impl Stop {
-    /// Stops the work at its next step, with [`Error::Interrupted`].
-    pub fn stop(&self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-
-    /// Whether the work is to stop.
-    pub fn is_stopped(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
-    }
+    Stoppable(Cancellation, Box<Progress>),
 }
 
 impl Progress {
@@ -55,7 +39,7 @@ impl Progress {
     /// [`Error::Interrupted`] if it is to stop.
     pub fn check(&self) -> Result<()> {
         match self {
-            Progress::Stoppable(stop, _) if stop.is_stopped() => Err(Error::Interrupted),
+            Progress::Stoppable(stop, _) if stop.is_cancelled() => Err(Error::Interrupted),
             Progress::Stoppable(_, within) => within.check(),
             _ => Ok(()),
         }

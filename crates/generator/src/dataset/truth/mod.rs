@@ -395,11 +395,11 @@ impl TruthWriter {
 
     /// Finishes the tables and adds them to the ledger.
     pub(crate) fn finish(self, ledger: &mut Ledger) -> Result<Census> {
-        ledger.add(FrameRow::PATH, self.frames.seal()?);
-        ledger.add(TrackRow::PATH, self.tracks.seal()?);
-        ledger.add(DisplacementRow::PATH, self.displacements.seal()?);
+        ledger.others.insert(FrameRow::PATH, self.frames.seal()?);
+        ledger.others.insert(TrackRow::PATH, self.tracks.seal()?);
+        ledger.others.insert(DisplacementRow::PATH, self.displacements.seal()?);
         if let Some(boxes) = self.boxes {
-            ledger.add(BoxRow::PATH, boxes.seal()?);
+            ledger.others.insert(BoxRow::PATH, boxes.seal()?);
         }
         Ok(self.census)
     }
