@@ -1,4 +1,4 @@
-//! `cargo validate fit`: fits calibration scans with known truth, many simulated scans, and real beads.
+//! `cargo validate`: fits calibration scans with known truth, many simulated scans, and real beads.
 
 mod beads;
 mod cases;
@@ -11,12 +11,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use clap::{Args, ValueEnum};
+use clap::{Parser, ValueEnum};
 use suite::process;
 use suite::template::fill;
 
-/// Selection of comparisons.
-#[derive(Args)]
+/// Fits calibration scans with known truth, many simulated scans, and real beads; exit code 1 if a limit is exceeded.
+#[derive(Parser)]
+#[command(name = "cargo validate")]
 pub(crate) struct Comparison {
     /// Folder with `own` (scans with truth) and `real` (scans of single beads).
     dir: PathBuf,
