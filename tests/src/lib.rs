@@ -14,7 +14,6 @@ pub mod picture;
 pub mod process;
 pub mod reference;
 pub mod scan;
-pub mod template;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
