@@ -16,51 +16,30 @@ use crate::scores::one_of;
 
 /// Options of a fit.
 #[derive(Debug, Clone, FromPyObject)]
+#[pyo3(from_item_all)]
 struct How {
-    #[pyo3(item)]
     magnification: f64,
-    #[pyo3(item)]
     pixel_size_um: f64,
-    #[pyo3(item)]
     z_step_um: Option<f64>,
     /// +1: away from the lens, -1: toward it.
-    #[pyo3(item)]
     direction: Option<f64>,
-    #[pyo3(item)]
     depth_factor: f64,
-    #[pyo3(item)]
     medium: f64,
-    #[pyo3(item)]
     diameter_um: Option<f64>,
-    #[pyo3(item)]
     particles: Option<Places>,
-    #[pyo3(item)]
     astigmatic: Option<bool>,
-    #[pyo3(item)]
     free_flux: bool,
-    #[pyo3(item)]
     free: Vec<String>,
-    #[pyo3(item)]
     wavelength_um: Option<f64>,
-    #[pyo3(item)]
     emission: String,
-    #[pyo3(item)]
     lens: String,
-    #[pyo3(item)]
     fluid: Option<f64>,
-    #[pyo3(item)]
     fluid_depth_um: Option<f64>,
-    #[pyo3(item)]
     field: bool,
-    #[pyo3(item)]
     page: Option<usize>,
-    #[pyo3(item)]
     planes: Option<(usize, usize)>,
-    #[pyo3(item)]
     window_px: Option<usize>,
-    #[pyo3(item)]
     bootstrap: usize,
-    #[pyo3(item)]
     seed: u64,
 }
 

@@ -12,46 +12,27 @@ use crate::run::{OnInterrupt, Show, run};
 
 /// Options of an import; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
+#[pyo3(from_item_all)]
 struct How {
-    #[pyo3(item)]
     images: Vec<PathBuf>,
-    #[pyo3(item)]
     pages_per_time: Option<usize>,
-    #[pyo3(item)]
     page: Option<usize>,
-    #[pyo3(item)]
     scan: Option<PathBuf>,
-    #[pyo3(item)]
     z: Option<PathBuf>,
-    #[pyo3(item)]
     z_step_um: Option<f64>,
-    #[pyo3(item)]
     z_toward: bool,
-    #[pyo3(item)]
     optics: Option<PathBuf>,
-    #[pyo3(item)]
     um_per_px: Option<f64>,
-    #[pyo3(item)]
     dt_s: Option<f64>,
-    #[pyo3(item)]
     pairs: bool,
-    #[pyo3(item)]
     truth: Vec<PathBuf>,
-    #[pyo3(item)]
     all_particles: bool,
-    #[pyo3(item)]
     dark: Option<PathBuf>,
-    #[pyo3(item)]
     flat: Option<PathBuf>,
-    #[pyo3(item)]
     field: usize,
-    #[pyo3(item)]
     particles: usize,
-    #[pyo3(item)]
     window_px: Option<usize>,
-    #[pyo3(item)]
     copy: bool,
-    #[pyo3(item)]
     force: bool,
 }
 

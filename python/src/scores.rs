@@ -24,44 +24,26 @@ use crate::run::{OnInterrupt, Show, raise, run};
 
 /// Options of scoring; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
+#[pyo3(from_item_all)]
 struct How {
-    #[pyo3(item)]
     format: Option<String>,
-    #[pyo3(item)]
     gate: Option<String>,
-    #[pyo3(item)]
     gate_xy_px: Option<f64>,
-    #[pyo3(item)]
     gate_z_um: Option<f64>,
-    #[pyo3(item)]
     dims: Option<u8>,
-    #[pyo3(item)]
     isbi_gate_px: Option<f64>,
-    #[pyo3(item)]
     border_px: f64,
-    #[pyo3(item)]
     origin: Option<String>,
-    #[pyo3(item)]
     unit: Option<String>,
-    #[pyo3(item)]
     y_up: Option<bool>,
-    #[pyo3(item)]
     frame_base: Option<i64>,
-    #[pyo3(item)]
     um_per_px: Option<f64>,
-    #[pyo3(item)]
     dt_s: Option<f64>,
-    #[pyo3(item)]
     pair: Option<String>,
-    #[pyo3(item)]
     depth_um: Option<(f64, f64)>,
-    #[pyo3(item)]
     plane_um: Option<f64>,
-    #[pyo3(item)]
     auto_offset: bool,
-    #[pyo3(item)]
     crlb: bool,
-    #[pyo3(item)]
     seed: u64,
 }
 

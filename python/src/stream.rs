@@ -27,28 +27,18 @@ type DistributionParts = (String, Vec<f64>, Vec<String>);
 
 /// Requested labels.
 #[derive(Debug, Clone, FromPyObject)]
+#[pyo3(from_item_all)]
 struct Labels {
-    #[pyo3(item)]
     boxes: bool,
-    #[pyo3(item)]
     shapes: bool,
-    #[pyo3(item)]
     instances: bool,
-    #[pyo3(item)]
     depth: bool,
-    #[pyo3(item)]
     heatmap: bool,
-    #[pyo3(item)]
     flow: bool,
-    #[pyo3(item)]
     flow_depth_um: Option<f64>,
-    #[pyo3(item)]
     flow_z: bool,
-    #[pyo3(item)]
     clean: bool,
-    #[pyo3(item)]
     share: f64,
-    #[pyo3(item)]
     heatmap_sigma_px: f64,
 }
 
