@@ -5,13 +5,6 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, ensure};
 
-/// Runs a command to completion.
-pub fn run(command: &mut Command) -> anyhow::Result<()> {
-    let output = command.stdin(Stdio::null()).output().with_context(|| format!("{command:?}"))?;
-    ensure!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
-    Ok(())
-}
-
 /// The release build of the command: $MICROSIG, or built if necessary.
 pub fn microsig() -> anyhow::Result<PathBuf> {
     if let Some(path) = std::env::var_os("MICROSIG") {

@@ -1,13 +1,11 @@
 //! Tasks of the repository: `cargo xtask <task>`.
 #![expect(clippy::print_stdout, reason = "a task reports what it did")]
 
-mod emulation;
 mod figures;
 mod golden;
 mod pairs;
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
@@ -26,16 +24,6 @@ enum Task {
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
     /// Updates the golden hashes of datasets; see "Bytes" in CHANGELOG.md.
     Golden,
-    /// Generates the golden scenarios on emulated processors (qemu-user), takes a few minutes; exit code 1 if
-    /// bytes differ.
-    Emulation {
-        /// Output folder of emulation.md.
-        #[arg(long, default_value = "target/robustness")]
-        out: PathBuf,
-        /// Only these scenarios.
-        #[arg(long, value_delimiter = ',')]
-        only: Vec<String>,
-    },
     /// Draws the figures of the documentation: those of the paper, all velocity fields, the effects of
     /// scenario keys.
     Figures {
@@ -50,15 +38,10 @@ enum Task {
     },
 }
 
-fn main() -> anyhow::Result<ExitCode> {
+fn main() -> anyhow::Result<()> {
     match Cli::parse().task {
-        Task::Pairs { pairs, ppp, diameter_px } => {
-            pairs::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
-        }
-        Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
-        Task::Emulation { out, only } => emulation::run(&out, &only),
-        Task::Figures { kind, out, redraw } => {
-            figures::run(kind, out.as_deref(), redraw).map(|()| ExitCode::SUCCESS)
-        }
+        Task::Pairs { pairs, ppp, diameter_px } => pairs::draw(pairs, ppp, diameter_px),
+        Task::Golden => golden::run(),
+        Task::Figures { kind, out, redraw } => figures::run(kind, out.as_deref(), redraw),
     }
 }
