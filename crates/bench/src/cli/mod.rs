@@ -2,18 +2,17 @@
 //!
 //! A new verb needs a file here and a line in each of the two lists below.
 
+mod about;
 mod argument;
 mod check_submission;
 mod choice;
 mod compare;
-mod completions;
 mod evaluate;
 mod export;
 mod fit;
 mod flows;
 mod generate;
 mod import;
-mod man;
 mod new;
 mod optics;
 mod options;
@@ -21,7 +20,6 @@ mod output;
 mod release;
 mod render;
 mod reveal;
-mod schema;
 mod shard;
 mod spheroid_maps;
 mod suite;
@@ -130,9 +128,9 @@ enum Verb {
     Flows(flows::Flows),
     New(new::New),
     Optics(optics::Optics),
-    Schema(schema::Schema),
-    Completions(completions::Completions),
-    Man(man::Man),
+    Schema(about::Schema),
+    Completions(about::Completions),
+    Man(about::Man),
 }
 
 impl Verb {

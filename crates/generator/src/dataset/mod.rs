@@ -13,7 +13,6 @@ pub mod calibration;
 mod camera;
 pub mod card;
 mod contact_sheet;
-mod copy;
 mod ledger;
 pub mod manifest;
 pub mod secret;
@@ -22,8 +21,8 @@ pub mod truth;
 
 pub use camera::Camera;
 pub use contact_sheet::ContactSheet;
-pub use copy::copy;
 pub(crate) use ledger::{FrameEntry, Ledger};
+pub use source::copy;
 
 use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table};
 use scenario::{Recordings, Scenario};

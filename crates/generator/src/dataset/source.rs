@@ -1,12 +1,17 @@
-//! Source files of a dataset: `scenario.ron`, `inputs/`, `settings.txt`, the secret key; and its license.
+//! Source files of a dataset: `scenario.ron`, `inputs/`, `settings.txt`, the secret key; its license; and copies of whole datasets.
 
+use std::path::Path;
+
+use dataset::manifest::MANIFEST;
 use microsig_core::formats::settings_file;
 
 use super::secret;
 use scenario::license::LICENSE;
 use scenario::{self, SCENARIO, Scenario};
-use storage::OutputFolder;
+use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
+use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::{OutputFolder, read_text};
 
 /// Writes these files into a dataset's folder.
 pub fn write(folder: &OutputFolder, scenario: &Scenario) -> Result<()> {
@@ -25,4 +30,23 @@ pub fn write(folder: &OutputFolder, scenario: &Scenario) -> Result<()> {
     folder.save_bytes("settings.txt", &settings)?;
     let license = scenario.license.text(&format!("The dataset {}", scenario.spec.name));
     folder.save_bytes(LICENSE, license)
+}
+
+/// Copies the files listed in a dataset's checksums into a new folder, which is written atomically.
+///
+/// # Errors
+/// A folder that is not a dataset; an existing folder at `out`, unless `force`; reading; writing.
+pub fn copy(dataset: &Path, out: &Path, force: bool) -> Result<()> {
+    let earlier = Earlier::new(MANIFEST, force);
+    let sums = read_text(&dataset.join(SHA256SUMS))?;
+    check_replaceable(out, earlier)?;
+    let partial = Partial::start(out)?;
+    let files = checksums::read(&sums, SHA256SUMS)?;
+    for file in files.keys().map(String::as_str).chain([SHA256SUMS]) {
+        if let Some((within, _)) = file.rsplit_once('/') {
+            partial.folder().subfolder(within)?;
+        }
+        partial.folder().place(file, &dataset.join(file), false)?;
+    }
+    partial.finish_without_journal(earlier)
 }

@@ -9,18 +9,14 @@
 //! image columns and rows, inverted as by the lens: a point at the lab offset (dx, dy, dz) from the
 //! particle's center has (e1, e2, e3) = (dz, -dx, -dy).
 
-mod cylinder;
 mod field;
 mod meridional;
 mod objective;
 mod refraction;
-mod useful_aperture;
 
-pub use cylinder::CylindricalLens;
 pub use field::{ChiefRay, FieldAstigmatism, FieldComa, FieldOptics, FocusSurface, LocalOptics, Vignetting};
 pub use objective::Objective;
-pub use refraction::refract;
-pub use useful_aperture::useful_radius;
+pub use refraction::{CylindricalLens, refract, useful_radius};
 
 use crate::settings::Settings;
 use meridional::{Landings, RAYS};

@@ -1,4 +1,21 @@
-//! Snell's law in vector form.
+//! Refraction: Snell's law in vector form, the thin cylindrical lens that makes images astigmatic (Rossi 2020, eq. (9)), and the
+//! part of the aperture whose light can reach the sensor.
+
+use super::Ray;
+
+/// A paraxial cylindrical lens with power along image columns (x) only.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CylindricalLens {
+    /// Focal length, um, not zero; negative for a diverging lens.
+    pub focal_length: f64,
+}
+
+impl CylindricalLens {
+    /// The ray behind the lens: p_x changes by -q_x / f_cyl, nothing else does.
+    pub fn refract(&self, ray: Ray) -> Ray {
+        Ray { p_x: ray.p_x - ray.q_x / self.focal_length, ..ray }
+    }
+}
 
 /// The direction of a ray behind an interface.
 ///
@@ -17,6 +34,15 @@ pub fn refract(direction: [f64; 3], normal: [f64; 3], index_ratio: f64) -> Optio
         index_ratio * direction[1] + along_normal * normal[1],
         index_ratio * direction[2] + along_normal * normal[2],
     ])
+}
+
+/// The radius in the lens plane beyond which `misses` is true, in the unit of `aperture`: up to `steps` radii
+/// are tested from the rim inward until one does not miss. `margin` steps are added because only discrete
+/// radii are tested; the result is at most `aperture`.
+pub fn useful_radius(aperture: f64, steps: u32, margin: u32, misses: impl Fn(f64) -> bool) -> f64 {
+    let step = aperture / f64::from(steps);
+    let missing = (0..steps).take_while(|&i| misses(aperture - f64::from(i) * step)).count();
+    (aperture - step * (missing as f64 - f64::from(margin))).min(aperture)
 }
 
 #[cfg(test)]
@@ -43,5 +69,12 @@ mod tests {
         assert!(grazing(critical - 1e-6).is_some());
         assert!(grazing(critical + 1e-6).is_none());
         assert!(grazing(2.0).is_none());
+    }
+
+    #[test]
+    fn the_margin_is_kept_and_the_aperture_not_exceeded() {
+        assert_eq!(useful_radius(8.0, 8, 1, |q| q > 4.5), 5.0);
+        assert_eq!(useful_radius(8.0, 8, 2, |_| false), 8.0);
+        assert_eq!(useful_radius(8.0, 8, 2, |_| true), 2.0);
     }
 }

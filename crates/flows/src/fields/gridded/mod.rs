@@ -14,13 +14,9 @@
 //! is in general not divergence-free, so that a uniform cloud may not stay uniform;
 //! [`Gridded::divergence_rms`] quantifies this.
 
-mod coverage;
-mod entry;
-
-pub(crate) use entry::ENTRY;
-
-use super::ROUNDING_MARGIN;
+use crate::fields::composition::vortex;
 use crate::fields::prelude::*;
+use crate::params::{Parameter, range_of};
 use crate::velocity_grid::VelocityGrid;
 use microsig_core::bspline;
 
@@ -181,6 +177,20 @@ impl Gridded {
         }
         let (later, later_gradient) = self.at(after, &weights, slopes);
         (u + (later - u) * share, gradient + (later_gradient - gradient) * share)
+    }
+
+    /// Fraction of the volume of a region beyond the outermost nodes, 0 to 1. Periodic axes, and axes with a
+    /// single node, cover everything.
+    pub(super) fn uncovered(&self, region: &Region) -> f64 {
+        let covered = |axis: usize, nodes: &Nodes| {
+            if nodes.periodic || nodes.count == 1 {
+                return 1.0;
+            }
+            let last = nodes.origin + (nodes.count - 1) as f64 * nodes.spacing;
+            let (low, high) = (region.min()[axis], region.max()[axis]);
+            ((high.min(last) - low.max(nodes.origin)) / (high - low)).clamp(0.0, 1.0)
+        };
+        1.0 - self.axes.iter().enumerate().map(|(axis, nodes)| covered(axis, nodes)).product::<f64>()
     }
 }
 
@@ -360,10 +370,62 @@ pub(crate) fn sampled(field: &dyn VelocityField) -> Result<VelocityGrid> {
     VelocityGrid::new(origin, DVec3::splat(10.0), counts, vec![0.0], velocities)
 }
 
+pub(crate) const ENTRY: FieldEntry = FieldEntry {
+    name: "gridded",
+    formula: "u = SUM c_ijk B_i(x) B_j(y) B_k(z), cubic B-splines or linear, linear in time",
+    parameters: &[
+        Parameter::new(
+            "interpolation",
+            "Interpolation::Tricubic",
+            None,
+            "tricubic or trilinear",
+            "Interpolation between the nodes.",
+        ),
+        Parameter::new(
+            "periodic",
+            "[false, false, false]",
+            None,
+            "true or false",
+            "Whether the data are periodic along x, y and z.",
+        ),
+        Parameter::new(
+            "origin_um",
+            "[-240.0, -120.0, -80.0]",
+            range_of!(finite),
+            "",
+            "For a `.npy` file, in the key `geometry`: position of the first node, um.",
+        ),
+        Parameter::new(
+            "spacing_um",
+            "[10.0, 10.0, 10.0]",
+            range_of!(> 0),
+            "",
+            "For a `.npy` file, in `geometry`: node spacing along x, y and z, um.",
+        ),
+        Parameter::new(
+            "times_s",
+            "[]",
+            range_of!(finite),
+            "increasing",
+            "For a `.npy` file, in `geometry`: times of the stored fields, s.",
+        ),
+    ],
+    source: "de Boor, A Practical Guide to Splines, IX and XIII",
+    plane: PlotPlane::XY,
+    make: || example(Interpolation::Tricubic),
+    variants: &[("trilinear", || example(Interpolation::Trilinear))],
+};
+
+/// Example: a grid of samples of a vortex.
+fn example(interpolation: Interpolation) -> Result<Box<dyn VelocityField>> {
+    let grid = sampled(vortex(0.0)?.as_ref())?;
+    Ok(Box::new(Gridded::new(&grid, interpolation, [false; 3])?))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fields::{Abc, AbcParams};
+    use crate::fields::{Abc, AbcParams, Linear};
 
     /// A grid of samples of a function of position, with spacing (2, 3, 4) um from (1, 2, 3) um.
     fn grid(counts: [usize; 3], times_s: Vec<f64>, f: impl Fn(DVec3, f64) -> DVec3) -> VelocityGrid {
@@ -482,5 +544,21 @@ mod tests {
         let field = Gridded::new(&strained, Interpolation::Trilinear, [false; 3]).unwrap();
         // Trace 3, elements of root mean square 1 / sqrt 3.
         assert!((field.divergence_rms() - 3.0 * libm::sqrt(3.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_uncovered_share_is_that_of_the_volume() {
+        // Nodes from (-240, -120, -80) to (240, 120, 20) um.
+        let grid = sampled(&Linear::uniform(DVec3::X).unwrap()).unwrap();
+        let share = |periodic: [bool; 3], min: [f64; 3], max: [f64; 3]| {
+            let region = Region::new(DVec3::from_array(min), DVec3::from_array(max)).unwrap();
+            Gridded::new(&grid, Interpolation::Trilinear, periodic).unwrap().uncovered(&region)
+        };
+        let none = [false; 3];
+        assert_eq!(share(none, [-240.0, -100.0, -80.0], [240.0, 120.0, 20.0]), 0.0);
+        assert_eq!(share(none, [-240.0, -120.0, -80.0], [720.0, 120.0, 20.0]), 0.5);
+        assert_eq!(share(none, [-240.0, -120.0, -280.0], [720.0, 120.0, 20.0]), 1.0 - 0.5 / 3.0);
+        assert_eq!(share([true, false, false], [-240.0, -120.0, -80.0], [720.0, 120.0, 20.0]), 0.0);
+        assert_eq!(share(none, [300.0, 0.0, 0.0], [400.0, 10.0, 10.0]), 1.0);
     }
 }

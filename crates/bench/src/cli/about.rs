@@ -1,11 +1,49 @@
-//! `microsig schema`: prints the JSON Schema of scenarios, sweeps or suites.
+//! What the command says of itself: `microsig completions`, `man` and `schema`.
 
-use clap::{Args, ValueEnum};
+use std::path::PathBuf;
 
-use super::Common;
+use clap::{Args, CommandFactory, ValueEnum};
+use clap_complete::Shell;
+
+use super::argument::folder;
 use super::output::report;
+use super::{Cli, Common};
 use scenario::{SuiteSpec, SweepSpec, schema_of, spec::Spec};
 use storage::error::{Error, Result};
+
+/// Print shell completions on standard output
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: microsig completions bash > ~/.local/share/bash-completion/completions/microsig"
+)]
+pub(super) struct Completions {
+    /// The shell
+    shell: Shell,
+}
+
+impl Completions {
+    pub(super) fn run(&self) -> Result<()> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), "microsig", &mut script);
+        storage::print(&script)
+    }
+}
+
+/// Write the manual pages, one for each command, into a folder
+#[derive(Debug, Args)]
+#[command(hide = true, after_help = "Example: microsig man share/man/man1")]
+pub(super) struct Man {
+    /// Output folder; existing pages are replaced
+    #[arg(value_parser = folder())]
+    out: PathBuf,
+}
+
+impl Man {
+    pub(super) fn run(&self) -> Result<()> {
+        std::fs::create_dir_all(&self.out).map_err(Error::write(&self.out))?;
+        clap_mangen::generate_to(Cli::command(), &self.out).map_err(Error::write(&self.out))
+    }
+}
 
 /// Print the JSON Schema of a scenario, sweep or suite: types, units, ranges, defaults, meanings
 #[derive(Debug, Args)]
