@@ -3,43 +3,6 @@
 use crate::error::{Error, Fault, Finding, shown};
 use crate::interval::Interval;
 
-/// MicroSIG's settings; fields have the names used in its settings file.
-///
-/// Values may be out of range (for example a magnification of -1); [`Settings::validate`] reports all that
-/// are.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Settings {
-    /// Magnification M, dimensionless, > 0.
-    pub magnification: f64,
-    /// Numerical aperture NA, > 0 and < 1 or, of an aplanatic lens, below the refractive index of its
-    /// immersion.
-    pub numerical_aperture: f64,
-    /// Focal length of the virtual thin spherical lens, um, > 0 and at most 1e6 (350 is recommended).
-    pub focal_length: f64,
-    /// Refractive index of the medium, > 0.
-    pub ri_medium: f64,
-    /// Refractive index of the lens, > `ri_medium`.
-    pub ri_lens: f64,
-    /// Edge length of a square pixel on the sensor, um, > 0.
-    pub pixel_size: f64,
-    /// Width of the sensor, px.
-    pub pixel_dim_x: u32,
-    /// Height of the sensor, px.
-    pub pixel_dim_y: u32,
-    /// Constant background, counts.
-    pub background_mean: f64,
-    /// Standard deviation of the Gaussian background noise, counts, >= 0.
-    pub background_noise: f64,
-    /// Source points per pixel, 1/px, > 0 (10-20 is usual).
-    pub points_per_pixel: f64,
-    /// Rays per source point, >= 1 (100-500 is usual).
-    pub n_rays: u32,
-    /// Counts per ray, >= 0.
-    pub gain: f64,
-    /// Focal length of the virtual cylindrical lens, um, any sign; 0 means there is none.
-    pub cyl_focal_length: f64,
-}
-
 /// Name, unit and allowed range of one setting.
 #[derive(Debug, Clone, Copy)]
 pub struct Key {
@@ -56,18 +19,6 @@ pub struct Key {
 }
 
 impl Key {
-    const fn new(name: &'static str, unit: &'static str, range: Interval) -> Self {
-        Key { name, unit, range, is_whole: false, condition: "" }
-    }
-
-    const fn whole(self) -> Self {
-        Key { is_whole: true, ..self }
-    }
-
-    const fn with(self, condition: &'static str) -> Self {
-        Key { condition, ..self }
-    }
-
     /// What is allowed, in words.
     pub fn allowed(&self) -> String {
         let number = if self.is_whole { "whole number," } else { "number" };
@@ -95,24 +46,71 @@ const RAYS: Interval = Interval::at_least(1.0).up_to(1e6);
 const POSITIVE: Interval = Interval::above(0.0);
 const NOT_NEGATIVE: Interval = Interval::at_least(0.0);
 
-/// The settings in the order of Table 1 of Rossi 2020, in which they are also written.
-pub const KEYS: [Key; 14] = [
-    Key::new("magnification", "", POSITIVE),
-    Key::new("numerical_aperture", "", POSITIVE)
-        .with("< 1, or with lens: aplanatic less than n_i and n_i_design of the layers"),
-    Key::new("focal_length", "um", FOCAL_LENGTH),
-    Key::new("ri_medium", "", POSITIVE),
-    Key::new("ri_lens", "", POSITIVE).with("> ri_medium"),
-    Key::new("pixel_size", "um", POSITIVE),
-    Key::new("pixel_dim_x", "px", SIZE).whole(),
-    Key::new("pixel_dim_y", "px", SIZE).whole(),
-    Key::new("background_mean", "counts", Interval::FINITE),
-    Key::new("background_noise", "counts", NOT_NEGATIVE),
-    Key::new("points_per_pixel", "1/px", POSITIVE),
-    Key::new("n_rays", "", RAYS).whole(),
-    Key::new("gain", "", NOT_NEGATIVE),
-    Key::new("cyl_focal_length", "um", Interval::FINITE).with("0: no cylinder"),
-];
+macro_rules! settings {
+    ($($(#[doc = $meaning:literal])* $name:ident: $type:ident, $unit:literal, $range:expr $(, $condition:literal)?;)*) => {
+        /// MicroSIG's settings; fields have the names used in its settings file.
+        ///
+        /// Values may be out of range (for example a magnification of -1); [`Settings::validate`] reports all that
+        /// are.
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct Settings {
+            $($(#[doc = $meaning])* pub $name: $type,)*
+        }
+
+        /// The settings in the order of Table 1 of Rossi 2020, in which they are also written.
+        pub const KEYS: [Key; 14] = [$(Key {
+            name: stringify!($name),
+            unit: $unit,
+            range: $range,
+            is_whole: stringify!($type).as_bytes()[0] == b'u',
+            condition: concat!($($condition)?),
+        }),*];
+
+        impl Settings {
+            /// Settings from their values in the order of [`KEYS`]. Integer settings are truncated.
+            pub fn from_values([$($name),*]: [f64; 14]) -> Self {
+                Settings { $($name: $name as $type),* }
+            }
+
+            /// The values in the order of [`KEYS`].
+            pub fn values(&self) -> [f64; 14] {
+                [$(f64::from(self.$name)),*]
+            }
+        }
+    };
+}
+
+settings! {
+    /// Magnification M, dimensionless, > 0.
+    magnification: f64, "", POSITIVE;
+    /// Numerical aperture NA, > 0 and < 1 or, of an aplanatic lens, below the refractive index of its
+    /// immersion.
+    numerical_aperture: f64, "", POSITIVE, "< 1, or with lens: aplanatic less than n_i and n_i_design of the layers";
+    /// Focal length of the virtual thin spherical lens, um, > 0 and at most 1e6 (350 is recommended).
+    focal_length: f64, "um", FOCAL_LENGTH;
+    /// Refractive index of the medium, > 0.
+    ri_medium: f64, "", POSITIVE;
+    /// Refractive index of the lens, > `ri_medium`.
+    ri_lens: f64, "", POSITIVE, "> ri_medium";
+    /// Edge length of a square pixel on the sensor, um, > 0.
+    pixel_size: f64, "um", POSITIVE;
+    /// Width of the sensor, px.
+    pixel_dim_x: u32, "px", SIZE;
+    /// Height of the sensor, px.
+    pixel_dim_y: u32, "px", SIZE;
+    /// Constant background, counts.
+    background_mean: f64, "counts", Interval::FINITE;
+    /// Standard deviation of the Gaussian background noise, counts, >= 0.
+    background_noise: f64, "counts", NOT_NEGATIVE;
+    /// Source points per pixel, 1/px, > 0 (10-20 is usual).
+    points_per_pixel: f64, "1/px", POSITIVE;
+    /// Rays per source point, >= 1 (100-500 is usual).
+    n_rays: u32, "", RAYS;
+    /// Counts per ray, >= 0.
+    gain: f64, "", NOT_NEGATIVE;
+    /// Focal length of the virtual cylindrical lens, um, any sign; 0 means there is none.
+    cyl_focal_length: f64, "um", Interval::FINITE, "0: no cylinder";
+}
 
 impl Settings {
     /// Setting 1 of Table 1: M 10, NA 0.3, 752 x 366 px, no cylinder.
@@ -130,46 +128,6 @@ impl Settings {
     /// Setting 2 of Table 1: M 63, NA 0.75, 141 x 141 px, no cylinder.
     pub fn setting2() -> Self {
         Self::from_values([63.0, 0.75, 350.0, 1.0, 1.5, 6.45, 141.0, 141.0, 52.0, 5.0, 12.0, 250.0, 1.1, 0.0])
-    }
-
-    /// Settings from their values in the order of [`KEYS`]. Integer settings are truncated.
-    pub fn from_values(v: [f64; 14]) -> Self {
-        Settings {
-            magnification: v[0],
-            numerical_aperture: v[1],
-            focal_length: v[2],
-            ri_medium: v[3],
-            ri_lens: v[4],
-            pixel_size: v[5],
-            pixel_dim_x: v[6] as u32,
-            pixel_dim_y: v[7] as u32,
-            background_mean: v[8],
-            background_noise: v[9],
-            points_per_pixel: v[10],
-            n_rays: v[11] as u32,
-            gain: v[12],
-            cyl_focal_length: v[13],
-        }
-    }
-
-    /// The values in the order of [`KEYS`].
-    pub fn values(&self) -> [f64; 14] {
-        [
-            self.magnification,
-            self.numerical_aperture,
-            self.focal_length,
-            self.ri_medium,
-            self.ri_lens,
-            self.pixel_size,
-            f64::from(self.pixel_dim_x),
-            f64::from(self.pixel_dim_y),
-            self.background_mean,
-            self.background_noise,
-            self.points_per_pixel,
-            f64::from(self.n_rays),
-            self.gain,
-            self.cyl_focal_length,
-        ]
     }
 
     /// Whether a position (px) is on a pixel of the sensor: pixel k covers [k - 0.5, k + 0.5).
