@@ -15,7 +15,7 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Compares both; `tolerance` is that of the expected image, relative to the peak.
+    /// Compares both; `tolerance` of the expected image, relative to the peak.
     pub fn of(expected: &[f64], rays: &Ensemble, tolerance: f64) -> Agreement {
         let images = f64::from(rays.images);
         let peak = expected.iter().copied().fold(0.0, f64::max);

@@ -175,7 +175,7 @@ fn parameter(fit: &Value, name: &str) -> [f64; 2] {
     ["value", "sd"].map(|key| own[key].as_f64().unwrap())
 }
 
-/// Asserts that the settings found, in a folder and its fit.json, are those of a scan within relative errors.
+/// Asserts that the settings found, in a folder and its fit.json, match a scan within relative errors.
 /// Returns those written.
 fn assert_found(place: &Path, fit: &Value, truth: &SimulatedScan) -> Settings {
     let settings = &truth.settings;

@@ -221,7 +221,7 @@ fn pairs_of_a_continuing_cloud_link_a_to_b_only_and_their_light_is_in_the_data_f
         }
     }
     assert!(dark > 10, "{dark}");
-    // Dark particles are not scored: the depth range of the measurement is that of the light sheet.
+    // Dark particles are not scored: the light sheet is the depth range of the measurement.
     let manifest = std::fs::read_to_string(out.join("datapackage.json")).unwrap();
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
     assert_eq!(manifest["microsig"]["depth_range_um"], serde_json::json!([-65.0, -15.0]));

@@ -1,4 +1,4 @@
-//! The pre-fit: widths of particle images over depth, compared with those of a few hundred traced rays; no
+//! The pre-fit: widths of particle images over depth, compared with a few hundred traced rays; no
 //! images are rendered.
 //!
 //! Widths are the radii that contain 20, 50 and 80 % of the light; with a cylindrical lens, the same

@@ -1,6 +1,6 @@
 //! The noise of a scan, from the residuals of a fit.
 //!
-//! The variance of a count is that of the background plus a multiple of the light. Errors of the model look
+//! The variance of a count is the variance of the background plus a multiple of the light. Errors of the model look
 //! like noise that grows with light, too, but they are shared by neighboring pixels, whereas noise is not: in
 //! the mean of r^2 minus the product of the residuals r of neighbors, only noise remains.
 

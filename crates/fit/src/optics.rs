@@ -97,7 +97,7 @@ impl Microscope {
     }
 
     /// MicroSIG's settings for a square sensor of `edge_px` px in the frame of the cylindrical lens;
-    /// background, rays and gain are those of setting 1.
+    /// background, rays and gain as in setting 1.
     pub(super) fn settings(&self, edge_px: usize) -> Settings {
         Settings {
             magnification: self.magnification,

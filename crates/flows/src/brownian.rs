@@ -121,7 +121,7 @@ impl Brownian {
     }
 }
 
-/// Settling or rising of particles whose density differs from that of the liquid.
+/// Settling or rising of particles that are denser or lighter than the liquid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settling {
     /// Settling velocity of a sphere 1 um in diameter, um/s.

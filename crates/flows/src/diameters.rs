@@ -36,7 +36,7 @@ enum DiameterDistribution {
         min: f64,
         max: f64,
     },
-    /// `mean` and `sd` are those of ln d.
+    /// `mean` and `sd` refer to ln d.
     Lognormal {
         mean: f64,
         sd: f64,

@@ -17,7 +17,7 @@
 //!
 //! Here each is one formula for all gaps: the part that is singular at contact, with the constants of Chaoui
 //! and Feuillebois (Q. J. Mech. Appl. Math. 56 (2003) 381), plus a polynomial in A whose first three
-//! coefficients are those of the far field; the others are fitted to the exact solutions
+//! coefficients are exact in the far field; the others are fitted to the exact solutions
 //! (results/walls/fit.py). They differ from these by at most 1e-5 (along and across) and 2e-5 (slip). The fit
 //! of Bevan and Prieve (J. Chem. Phys. 113 (2000) 1228) to Brenner's series is within 0.7 %, and Faxen's
 //! series within 1.3 % at gaps above half a radius.

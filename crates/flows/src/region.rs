@@ -35,7 +35,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// The box between two corners, um; every coordinate of `min` must be less than that of `max`.
+    /// The box between two corners, um; every coordinate of `min` must be less than the same one of `max`.
     pub fn new(min: DVec3, max: DVec3) -> Result<Self> {
         let check = ParameterCheck("region");
         check.finite_vector("min_um", min)?;

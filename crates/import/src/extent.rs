@@ -21,7 +21,7 @@ pub(crate) fn radii(scan: &Scan, levels: &[Level], located: &Located) -> Vec<usi
 }
 
 /// Half the distance to the nearest other particle, px, which a quarter of the particles exceed: beyond it,
-/// light is mostly that of others.
+/// light comes mostly from other particles.
 pub(crate) fn half_spacing(located: &Located) -> usize {
     let nearest = |k: usize| {
         let away =

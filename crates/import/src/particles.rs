@@ -33,7 +33,7 @@ pub(crate) struct ScanParticle {
 }
 
 /// The usable particles with windows of this half width, in the order of `located`, and numbers of others;
-/// `radii` are those of images at each depth.
+/// `radii`: radius of the image at each depth.
 pub(crate) fn usable(
     scan: &Scan,
     levels: &[Level],

@@ -1,7 +1,7 @@
 //! Light emission by a particle: source points on its surface, and a fan of rays from each point.
 //!
 //! Points lie on golden-angle spirals: point k has the azimuth k 2 pi (1 - 1/phi), phi = (1 + sqrt 5)/2, and
-//! the polar cosines decrease in equal steps. The internal axes (e1, e2, e3) are those of `optics`: e1 points
+//! the polar cosines decrease in equal steps. The internal axes (e1, e2, e3) are as in `optics`: e1 points
 //! away from the lens; the polar axis of both spirals is e3; azimuths run from +e1 toward +e2.
 //!
 //! The ray directions of a source point are a spiral of n_rays + 2 points without its poles, rotated about e3

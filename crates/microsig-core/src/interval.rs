@@ -28,7 +28,7 @@ impl Interval {
         Interval { low: Bound::Included(low), ..Interval::FINITE }
     }
 
-    /// Those of these numbers that are <= `high`.
+    /// The numbers that are <= `high`.
     #[must_use]
     pub const fn up_to(self, high: f64) -> Self {
         Interval { high: Bound::Included(high), ..self }

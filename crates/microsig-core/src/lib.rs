@@ -1,6 +1,6 @@
 //! MicroSIG's optical model: ray-traced images of defocused and astigmatic tracer particles.
 //!
-//! The model is that of M. Rossi, "Synthetic image generator for defocusing and astigmatic PIV/PTV", Meas.
+//! The model is from M. Rossi, "Synthetic image generator for defocusing and astigmatic PIV/PTV", Meas.
 //! Sci. Technol. 31 (2020) 017003, and, where the paper does not specify the details, that of its published
 //! program.
 //!

@@ -153,7 +153,7 @@ pub struct Case {
 }
 
 /// Reads a sweep and its base scenario. `name`: the sweep's name in messages; `folder`: the path of the base
-/// scenario is relative to it; `seed` replaces that of the text.
+/// scenario is relative to it; `seed` replaces the one in the text.
 ///
 /// # Errors
 /// As for a scenario; also axes without values, with unequal numbers of values in a zip, or with paths that

@@ -187,7 +187,7 @@ fn replace(path: &Path, mode: u32, write: impl FnOnce(&File) -> Result<()>) -> R
     Ok(())
 }
 
-/// Creates a temporary file. Unlike those of `tempfile`, its errors do not name the file.
+/// Creates a temporary file. Unlike in `tempfile`, its errors do not name the file.
 fn create(path: &Path, mode: u32) -> std::io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create_new(true);

@@ -31,7 +31,7 @@ impl NumberRange {
     }
 }
 
-/// What is wrong with those of these values that are given.
+/// Faults of the given values.
 pub fn faults(values: &[(Option<f64>, NumberRange)]) -> Vec<Advice> {
     values.iter().filter_map(|(value, range)| range.fault((*value)?)).collect()
 }

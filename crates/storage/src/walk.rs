@@ -28,7 +28,7 @@ pub fn names(folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<String>
     Ok(names)
 }
 
-/// Whether a name is that of a TIFF file, and of none that programs hide.
+/// Whether a name belongs to a TIFF file that is not hidden.
 pub fn is_tiff(name: &str) -> bool {
     let lower = name.to_ascii_lowercase();
     !name.starts_with('.') && (lower.ends_with(".tif") || lower.ends_with(".tiff"))

@@ -21,7 +21,7 @@ pub(super) const RESPONSIBLE: [(&str, &str); 10] = [
     ),
     (
         "dataBiases",
-        "Optics, flow, particles and noise are those of one scenario. Trackers that are tuned or trained on it may be worse on other \
+        "Optics, flow, particles and noise come from a single scenario. Trackers that are tuned or trained on it may be worse on other \
          microscopes, particle sizes, densities and noise.",
     ),
     (

@@ -6,7 +6,7 @@
 //!       README.md  SHA256SUMS
 //! ```
 //!
-//! The truth is that of the commitment or it is not written: participants can check it against the copy that
+//! The truth is written only if it matches the commitment: participants can check it against the copy that
 //! they downloaded before the deadline.
 
 use std::io::Read;

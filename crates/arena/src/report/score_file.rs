@@ -15,7 +15,7 @@ use storage::{InputFile, input};
 /// Largest score file accepted, bytes; the largest known one is less than a tenth of this.
 const LARGEST: u64 = 64 << 20;
 
-/// Largest file of units accepted, bytes: that of ten million particles.
+/// Largest file of units accepted, bytes: enough for ten million particles.
 const LARGEST_UNITS: u64 = 1 << 30;
 
 /// Reads a score file, or the one in a folder.

@@ -20,7 +20,7 @@ pub struct MetricValue {
 }
 
 impl MetricValue {
-    /// Reads a score from those of an evaluation.
+    /// Reads one score of an evaluation.
     pub fn of(metric: Metric, score: &Score) -> Self {
         let (value, interval) = ScoreDef::of(metric).measured(score);
         MetricValue { metric, value, low: interval.map(|i| i[0]), high: interval.map(|i| i[1]) }

@@ -1,4 +1,4 @@
-//! `microsig import`: a recording of one's own as a folder like that of a dataset.
+//! `microsig import`: a recording of one's own as a folder like a dataset.
 
 use std::path::{Path, PathBuf};
 
@@ -47,10 +47,10 @@ pub(super) struct Import {
     /// A scenario with the optics, such as `microsig fit` writes; for `mle`
     #[arg(long, value_name = "SCENARIO", value_parser = input())]
     optics: Option<InputFile>,
-    /// Magnification of the microscope [default: that of the optics]
+    /// Magnification of the microscope [default: from the optics]
     #[arg(long, value_name = "M", requires = "pixel_size")]
     magnification: Option<f64>,
-    /// Edge of a pixel on the sensor, um [default: that of the optics]
+    /// Edge of a pixel on the sensor, um [default: from the optics]
     #[arg(long, value_name = "UM", requires = "magnification")]
     pixel_size: Option<f64>,
     /// Time between frames (with `--pairs` between the two of a pair), s
@@ -63,7 +63,7 @@ pub(super) struct Import {
     /// `frame, x_px, y_px` and perhaps `z_um, track` (positions of particles)
     #[arg(long, value_name = "FILE", num_args = 1.., value_parser = input())]
     truth: Vec<InputFile>,
-    /// The known positions are those of all particles of their frames, so that ghosts can be counted
+    /// The known positions include all particles of their frames, so that ghosts can be counted
     #[arg(long, requires = "truth")]
     all_particles: bool,
     /// An image without light, or several pages of it, to be subtracted

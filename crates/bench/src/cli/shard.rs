@@ -20,7 +20,7 @@ impl ShardOption {
     /// The shard, which is announced even with `--quiet`: a share must not be mistaken for the whole.
     ///
     /// # Errors
-    /// A shard that is neither K/N nor that of a Slurm array task.
+    /// A shard that is neither K/N nor from a Slurm array task.
     pub(super) fn read(&self, common: &Common) -> Result<Shard> {
         let variable = |name: &str| std::env::var(name).ok();
         let shard = match self.shard.as_deref() {

@@ -18,7 +18,7 @@ pub(super) struct Frames {
     pub(super) background: f64,
     /// Variance of a count in one frame.
     pub(super) noise: Noise,
-    /// Whether the noise is that of repeated frames; otherwise that of the background alone.
+    /// Whether the noise was measured from repeated frames; otherwise from the background alone.
     pub(super) is_noise_measured: bool,
 }
 

@@ -318,7 +318,7 @@ fn slack(case: &Case) -> Finding {
 
 /// A boundary condition at a wall.
 enum Condition {
-    /// The velocity is that of the wall, um/s.
+    /// The velocity equals the wall velocity, um/s.
     NoSlip(DVec3),
     /// The velocity along this normal is zero.
     NoFlux(DVec3),

@@ -169,7 +169,7 @@ impl Task {
         self.bar.length().filter(|total| *total > 0)
     }
 
-    /// The completed fraction, with that of the part under way; `None` if it is unknown.
+    /// The completed fraction, including the part under way; `None` if it is unknown.
     fn fraction(&self, of_part: f64) -> Option<f64> {
         Some(((self.bar.position() as f64 + of_part) / self.total()? as f64).min(1.0))
     }

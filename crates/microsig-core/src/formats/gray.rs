@@ -237,7 +237,7 @@ impl<R: Read + Seek> GrayImages<R> {
         Ok(Some(text.unwrap_or_else(|_| bytes.iter().map(|byte| char::from(*byte)).collect())))
     }
 
-    /// A tag that the file has of its own, such as those of a vendor.
+    /// A private tag, such as a vendor writes.
     pub(super) fn has(&mut self, tag: u16) -> bool {
         self.decoder.image_ifd().find_entry(Tag::Unknown(tag)).is_some()
     }

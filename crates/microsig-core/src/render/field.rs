@@ -215,7 +215,7 @@ struct Blur {
 }
 
 impl Blur {
-    /// With this standard deviation, px; it is that of the weights.
+    /// With this standard deviation of the weights, px.
     fn new(sd_px: f64) -> Blur {
         let variance = sd_px * sd_px;
         // The integral of a Gaussian over a pixel has a variance larger by that of a pixel.

@@ -53,7 +53,7 @@ pub struct Traits {
 
 /// A method of computing particle images.
 pub trait Render: Debug + Send + Sync {
-    /// In what its images differ from those of others.
+    /// How its images differ from those of other renderers.
     fn traits(&self) -> Traits;
 
     /// The settings of the renderer.

@@ -6,7 +6,7 @@
 //! noise). Read noise is added, the sum is limited to the full-well capacity, the system gain converts it to
 //! counts, and the offset is added; `image.rs` rounds the result and clamps it to the bit depth. MicroSIG's
 //! `background_mean` is treated as light; its `background_noise` is added to the counts. Offset, gain and read
-//! noise are the same for all pixels, or those of [`PixelMaps`].
+//! noise are the same for all pixels, or vary as in [`PixelMaps`].
 //!
 //! All effects are off in [`Detector::default`]: one photon per count, one electron per photon, no noise, 16
 //! bit.

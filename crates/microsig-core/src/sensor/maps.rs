@@ -1,6 +1,6 @@
 //! Offset, gain and read noise of every pixel, as measured for scientific CMOS cameras.
 //!
-//! Conventions are those of Huang et al. 2013 (Nature Methods 10, 653): the counts of pixel i without light
+//! Conventions as in Huang et al. 2013 (Nature Methods 10, 653): the counts of pixel i without light
 //! have mean o_i (counts) and variance var_i (counts^2), and n electrons add g_i n, with a gain g_i in counts
 //! per electron.
 

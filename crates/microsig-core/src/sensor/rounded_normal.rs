@@ -8,7 +8,7 @@ const REGISTERS: usize = 256;
 
 /// round(N(0, sigma)) by Walker's alias method (Vose 1991): one 32-bit random number per sample.
 ///
-/// The probabilities are those of the rounded normal distribution, each accurate to 2^-32.
+/// The probabilities follow the rounded normal distribution, each accurate to 2^-32.
 #[derive(Debug, Clone)]
 pub struct RoundedNormal {
     lowest: i32,

@@ -24,7 +24,7 @@ impl Problems {
         if self.0.is_empty() { Ok(()) } else { Err(Error::Problems(self.sorted())) }
     }
 
-    /// The problems of assignments, which may be the cause of others, then those of the file in its order.
+    /// The problems of assignments, which may be the cause of others, then the problems of the file in its order.
     pub(crate) fn sorted(mut self) -> Vec<Problem> {
         let order = |p: &Problem| p.place.as_ref().map_or((true, 0), |p| (p.source.is_file, p.span.start));
         self.0.sort_by_key(order);

@@ -63,7 +63,7 @@ impl Crps {
     /// The score of a matched result, and the sums over units of true particles and ghosts, and of their scores of
     /// x and y (px) and of z (um). `sigma` are the claims of the rows
     /// of the result, empty if it has none; `ambiguous` marks the true particles with a ghost within their gate;
-    /// `gates` are those of x and y, px, and of z, um, `None` without depth.
+    /// `gates`: in x and y, px, and in z, um, `None` without depth.
     pub(super) fn of(
         (truth, result): (&TrackSet, &TrackSet),
         sigma: &[[f64; 3]],

@@ -63,7 +63,7 @@ fn angle_deg(a: [f64; 3], b: [f64; 3]) -> Option<f64> {
 }
 
 impl Orientation {
-    /// Angles of the matched particles. `true_axes` and `found_axes` are those of the rows of the tables; NaN
+    /// Angles of the matched particles. `true_axes` and `found_axes`: one per row of the tables; NaN
     /// for particles without an axis, `found_axes` is empty if the result has none. `ambiguous` marks the
     /// true particles that have a ghost within their gate. `None` if the truth has no axes.
     ///

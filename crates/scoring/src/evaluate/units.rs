@@ -51,7 +51,7 @@ pub(super) enum Matched {
 }
 
 impl Units {
-    /// The units of a matched result; `seed` is that of the bootstrap.
+    /// The units of a matched result; `seed`: of the bootstrap.
     pub fn new(
         (truth, result): (&TrackSet, &TrackSet),
         matching: &Matching,
@@ -219,7 +219,7 @@ impl UnitScores {
     }
 }
 
-/// A matched result whose errors are compared with those of others.
+/// A matched result whose errors are compared with other results.
 pub(super) struct Divided<'a> {
     pub(super) clouds: (&'a TrackSet, &'a TrackSet),
     pub(super) matching: &'a Matching,

@@ -34,7 +34,7 @@ pub struct Contestant<'a> {
 /// Probability that two results of equal skill are separated by any of their criteria.
 pub const FAMILY_ERROR: f64 = 0.05;
 
-/// Which results are better than which others. `seed` is that of the bootstrap.
+/// Which results are better than which others. `seed`: of the bootstrap.
 pub fn pairs(contestants: &[Contestant<'_>], criteria: &[Metric], seed: u64) -> Pairs {
     let draws = Draws::new(seed);
     let compared: Vec<Vec<Paired<'_>>> = criteria

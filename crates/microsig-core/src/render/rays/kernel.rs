@@ -4,7 +4,7 @@
 //! per lane. Only sums, products, quotients, square roots and comparisons occur, each correctly rounded and
 //! never fused, so that every instruction set gives the same bits.
 //!
-//! The refraction is that of `optics` after algebraic simplification. Lengths are in units of the radius of
+//! The refraction is as in `optics`, simplified algebraically. Lengths are in units of the radius of
 //! the faces. A ray has the direction d = (w, u, v) and meets the lens at q = Q/w, Q = w e + L (u, v), where
 //! e is the lateral position of its source point and L its distance from the lens. The normals of the faces
 //! are (w, -Q) and (w, Q), of length N, N^2 = w^2 + Q^2. Directions are scaled to the length

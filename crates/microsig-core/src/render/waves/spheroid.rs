@@ -1,7 +1,7 @@
 //! Spheroids: sums of the images of incoherent point emitters.
 //!
 //! A linear map takes a sphere to the spheroid, and the hemisphere about one direction to the side of its
-//! surface that faces the lens. So the emitters are those of a sphere's rings ([`bead`](super::bead)), spaced
+//! surface that faces the lens. So the emitters lie on a sphere's rings ([`bead`](super::bead)), spaced
 //! equally in azimuth, and their weights are the areas that the map makes of theirs. A volume stays uniform.
 
 use glam::DVec3;

@@ -117,7 +117,7 @@ fn coarse_truth(score: &FieldScore) -> Option<String> {
     })
 }
 
-/// Scores a field against true fields; `seed` is that of the bootstrap.
+/// Scores a field against true fields; `seed`: of the bootstrap.
 pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
     let TrueFields { fields: truths, plane_um, facts, note, .. } = truth;
     let is_there = |v: &FlowVector| v.pair.is_none_or(|pair| facts.has_pair(pair));
