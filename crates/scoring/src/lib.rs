@@ -2,6 +2,5 @@
 //! [`ranking`] orders the results of several.
 
 pub mod evaluate;
-pub mod fourier;
 pub mod ranking;
 pub mod results;

@@ -3,7 +3,7 @@
 //! With weights w, frame f and template t it is (sum w f t)^2 / (sum w t^2): the squared normalized
 //! cross-correlation times sum w f^2. Both sums are cross-correlations, computed by FFT.
 
-use scoring::fourier::{Complex32, Direction, ImageFft};
+use fourier::{Complex32, Direction, ImageFft};
 
 use super::fit::Residual;
 use super::templates::Templates;

@@ -8,9 +8,9 @@
 
 use std::borrow::Cow;
 
+use fourier::{Complex32, Direction, ImageFft};
 use microsig_core::cancel::checkpoint;
 use rayon::prelude::*;
-use scoring::fourier::{Complex32, Direction, ImageFft};
 
 use super::Method;
 use super::deform::{Degree, deformed};

@@ -1,8 +1,8 @@
 //! Fourier transforms of images (f32) and of lines (f64).
 //!
-//! `rustfft` is generic, so that every crate that calls it compiles it anew, which takes about half as long
-//! as the rest of the program. This crate instantiates it once, for f32 images and f64 lines. Images use the
-//! fastest instruction set of the machine; lines are short and few, so a scalar transform is sufficient.
+//! `rustfft` is generic, so that every crate that calls it compiles it anew, which takes half a minute. This crate
+//! instantiates it once, for f32 images and f64 lines. Images use the fastest instruction set of the machine; lines
+//! are short and few, so a scalar transform is sufficient.
 
 use std::sync::Arc;
 
