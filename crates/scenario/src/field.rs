@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::findings::Findings;
-use super::language::problems::Problems;
 use super::language::schema::joined;
 use super::motion::{Motion, in_file};
 use storage::error::{Error, Result};
@@ -62,12 +61,12 @@ macro_rules! field {
                     $(Field::$variant(p) => p.seed().map_or(Ok(()), |seed| Ok(*seed = draw()?)),)*
                     Field::Gridded(_) => Ok(()),
                     Field::Sum(fields) => fields.iter_mut().try_for_each(|field| field.reseed(draw)),
-                    Field::Scaled(Changed { field, .. }) => field.reseed(draw),
-                    Field::Translated(Changed { field, .. }) => field.reseed(draw),
-                    Field::Rotated(Changed { field, .. }) => field.reseed(draw),
-                    Field::Moving(Changed { field, .. }) => field.reseed(draw),
-                    Field::Modulated(Changed { field, .. }) => field.reseed(draw),
-                    Field::Mirrored(Changed { field, .. }) => field.reseed(draw),
+                    Field::Scaled(Changed { field, .. })
+                    | Field::Translated(Changed { field, .. })
+                    | Field::Rotated(Changed { field, .. })
+                    | Field::Moving(Changed { field, .. })
+                    | Field::Modulated(Changed { field, .. })
+                    | Field::Mirrored(Changed { field, .. }) => field.reseed(draw),
                 }
             }
 
@@ -80,12 +79,6 @@ macro_rules! field {
                 found: &mut Findings<'_>,
             ) -> Built {
                 let path = joined(path, &self.name());
-                macro_rules! changed {
-                    ($kind:ident, $changed:expr) => {{
-                        let inner = $changed.field.build(&joined(&path, "field"), depths, found)?;
-                        boxed(&joined(&path, "by"), f::$kind::new(inner, &$changed.by), &mut found.problems)
-                    }};
-                }
                 match self {
                     $(Field::$variant(p) => {
                         p.fit_to(depths);
@@ -97,14 +90,14 @@ macro_rules! field {
                         let parts: Option<Vec<_>> = parts
                             .map(|(i, part)| part.build(&joined(&path, &i.to_string()), depths, found))
                             .collect();
-                        boxed(&path, f::Sum::new(parts?), &mut found.problems)
+                        found.problems.of(&path, f::Sum::new(parts?).map(|sum| Box::new(sum) as Box<dyn VelocityField>))
                     }
-                    Field::Scaled(p) => changed!(Scaled, p),
-                    Field::Translated(p) => changed!(Translated, p),
-                    Field::Rotated(p) => changed!(Rotated, p),
-                    Field::Moving(p) => changed!(Moving, p),
-                    Field::Modulated(p) => changed!(Modulated, p),
-                    Field::Mirrored(p) => changed!(Mirrored, p),
+                    Field::Scaled(p) => p.build(&path, depths, found),
+                    Field::Translated(p) => p.build(&path, depths, found),
+                    Field::Rotated(p) => p.build(&path, depths, found),
+                    Field::Moving(p) => p.build(&path, depths, found),
+                    Field::Modulated(p) => p.build(&path, depths, found),
+                    Field::Mirrored(p) => p.build(&path, depths, found),
                 }
             }
         }
@@ -162,8 +155,11 @@ pub struct Changed<P> {
 
 type Built = Option<Box<dyn VelocityField>>;
 
-fn boxed<F: VelocityField + 'static>(path: &str, field: flows::Result<F>, problems: &mut Problems) -> Built {
-    problems.of(path, field).map(|field| Box::new(field) as Box<dyn VelocityField>)
+impl<P: f::Transform> Changed<P> {
+    fn build(&mut self, path: &str, depths: DepthRange, found: &mut Findings<'_>) -> Built {
+        let inner = self.field.build(&joined(path, "field"), depths, found)?;
+        found.problems.of(&joined(path, "by"), self.by.apply(inner))
+    }
 }
 
 impl Field {

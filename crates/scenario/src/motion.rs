@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use dataset::{Row, TrackRow};
-use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
+use flows::fields::{RotatedParams, Transform, TranslatedParams};
 use flows::registry::DepthRange;
 use flows::scale::Scale;
 use flows::{Diameters, RecordedTracks, VelocityField};
@@ -155,13 +155,9 @@ impl Flow {
         let Some(p) = self.placement else { return Some(field) };
         let turn =
             RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, center_um: p.center_um.into() };
-        let placed = Rotated::new(field, &turn).and_then(|turned| {
-            Translated::new(Box::new(turned), &TranslatedParams { offset_um: p.offset_um.into() })
-        });
-        found
-            .problems
-            .of("motion.flow.placement", placed)
-            .map(|field| Box::new(field) as Box<dyn VelocityField>)
+        let shift = TranslatedParams { offset_um: p.offset_um.into() };
+        let placed = turn.apply(field).and_then(|turned| shift.apply(turned));
+        found.problems.of("motion.flow.placement", placed)
     }
 }
 

@@ -36,8 +36,8 @@ pub use acoustics::{Acoustophoresis, AcoustophoresisParams, RayleighStreaming, R
 pub use burgers::{Burgers, BurgersParams};
 pub use cells::{Cellular, CellularParams, TaylorGreen, TaylorGreenParams};
 pub use composition::{
-    Mirrored, MirroredParams, Modulated, ModulatedParams, Moving, MovingParams, Rotated, RotatedParams,
-    Scaled, ScaledParams, Sum, Translated, TranslatedParams,
+    MirroredParams, ModulatedParams, MovingParams, RotatedParams, ScaledParams, Sum, Transform,
+    TranslatedParams,
 };
 pub use couette_poiseuille::{CouettePoiseuille, CouettePoiseuilleParams};
 pub use double_gyre::{DoubleGyre, DoubleGyreParams};

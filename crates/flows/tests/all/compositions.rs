@@ -2,12 +2,12 @@
 #![expect(clippy::print_stdout, reason = "the worst values, for `--nocapture`")]
 
 use flows::fields::{
-    Mirrored, MirroredParams, Modulated, ModulatedParams, Moving, MovingParams, Rotated, RotatedParams,
-    Scaled, ScaledParams, Sum, Translated, TranslatedParams,
+    MirroredParams, ModulatedParams, MovingParams, RotatedParams, ScaledParams, Sum, Transform,
+    TranslatedParams,
 };
 use flows::integrate::{Tolerance, advance, integrate};
 use flows::registry::{ENTRIES, FieldConstructor};
-use flows::{Axis, Result, VelocityField};
+use flows::{Axis, VelocityField};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -32,10 +32,6 @@ fn factor(t: f64) -> f64 {
     0.3 + 0.7 * libm::cos(2.0 * std::f64::consts::PI * 30.0 * t + 0.5)
 }
 
-fn boxed<F: VelocityField + 'static>(field: Result<F>) -> Inner {
-    Box::new(field.unwrap())
-}
-
 /// Name, the composition, its formula.
 type Case = (&'static str, fn(Inner) -> Inner, Formula);
 
@@ -43,33 +39,33 @@ fn compositions() -> [Case; 7] {
     [
         (
             "sum",
-            |f| boxed(Sum::new(vec![f, (ENTRIES[0].make)().unwrap()])),
+            |f| Box::new(Sum::new(vec![f, (ENTRIES[0].make)().unwrap()]).unwrap()),
             |f, x, t| f.velocity(x, t) + DVec3::X * 1290.0,
         ),
         (
             "scaled",
             |f| {
                 let center_um = CENTER.to_array();
-                boxed(Scaled::new(f, &ScaledParams { velocity_factor: -0.5, length_factor: 1.5, center_um }))
+                ScaledParams { velocity_factor: -0.5, length_factor: 1.5, center_um }.apply(f).unwrap()
             },
             |f, x, t| f.velocity(CENTER + (x - CENTER) / 1.5, t) * -0.5,
         ),
         (
             "translated",
-            |f| boxed(Translated::new(f, &TranslatedParams { offset_um: CENTER.to_array() })),
+            |f| TranslatedParams { offset_um: CENTER.to_array() }.apply(f).unwrap(),
             |f, x, t| f.velocity(x - CENTER, t),
         ),
         (
             "rotated",
             |f| {
                 let (axis, center_um) = (AXIS.to_array(), CENTER.to_array());
-                boxed(Rotated::new(f, &RotatedParams { axis, angle_rad: 0.8, center_um }))
+                RotatedParams { axis, angle_rad: 0.8, center_um }.apply(f).unwrap()
             },
             |f, x, t| turn(f.velocity(CENTER + turn(x - CENTER, -0.8), t), 0.8),
         ),
         (
             "moving",
-            |f| boxed(Moving::new(f, &MovingParams { velocity_um_s: DRIFT.to_array() })),
+            |f| MovingParams { velocity_um_s: DRIFT.to_array() }.apply(f).unwrap(),
             |f, x, t| DRIFT + f.velocity(x - DRIFT * t, t),
         ),
         (
@@ -77,13 +73,13 @@ fn compositions() -> [Case; 7] {
             |f| {
                 let params =
                     ModulatedParams { mean: 0.3, amplitude: 0.7, frequency_hz: 30.0, phase_rad: 0.5 };
-                boxed(Modulated::new(f, &params))
+                params.apply(f).unwrap()
             },
             |f, x, t| f.velocity(x, t) * factor(t),
         ),
         (
             "mirrored",
-            |f| boxed(Mirrored::new(f, &MirroredParams { axis: Axis::Y, at_um: 10.0 })),
+            |f| MirroredParams { axis: Axis::Y, at_um: 10.0 }.apply(f).unwrap(),
             |f, x, t| {
                 let u = f.velocity(DVec3::new(x.x, 20.0 - x.y, x.z), t);
                 DVec3::new(u.x, -u.y, u.z)

@@ -4,7 +4,7 @@
 //! all conformance:: -- --nocapture` prints it.
 #![expect(clippy::print_stdout, reason = "the table of fields x checks, for `--nocapture`")]
 
-use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
+use flows::fields::{RotatedParams, Transform, TranslatedParams};
 use flows::integrate::{Tolerance, advance, integrate};
 use flows::registry::{ENTRIES, FieldConstructor};
 use flows::{Region, VelocityField, field};
@@ -255,9 +255,8 @@ fn placement(case: &Case) -> Finding {
         RotatedParams { axis: [1.0, -2.0, 3.0], angle_rad: 0.8, center_um: [30.0, 0.0, 0.0] },
         DVec3::new(50.0, -20.0, 7.0),
     );
-    let turned = Rotated::new((case.make)().unwrap(), &params).unwrap();
-    let placed =
-        Translated::new(Box::new(turned), &TranslatedParams { offset_um: offset.to_array() }).unwrap();
+    let turned = params.apply((case.make)().unwrap()).unwrap();
+    let placed = TranslatedParams { offset_um: offset.to_array() }.apply(turned).unwrap();
     // Rodrigues' formula; the code under test uses a quaternion.
     let (axis, center) = (DVec3::from_array(params.axis).normalize(), DVec3::from_array(params.center_um));
     let (sin, cos) = libm::sincos(params.angle_rad);
@@ -270,7 +269,7 @@ fn placement(case: &Case) -> Finding {
             let dx = DVec3::new(0.3, 0.5, -0.2);
             let stretch =
                 (placed.gradient(place(x), t) * turn(dx) - turn(field.gradient(x, t) * dx)).length();
-            let end = advance(&placed, place(x), t, t + DT_S).unwrap_or(DVec3::NAN);
+            let end = advance(placed.as_ref(), place(x), t, t + DT_S).unwrap_or(DVec3::NAN);
             let path = (end - place(advance(field, x, t, t + DT_S).unwrap_or(DVec3::NAN))).length();
             let kept = match (placed.invariant(place(x), t), field.invariant(x, t)) {
                 (Some(a), Some(b)) => (a - b).abs() / b.abs().max(1.0),

@@ -1,16 +1,16 @@
 //! Registry entries of the compositions, with example instances.
 
 use super::{
-    Mirrored, MirroredParams, Modulated, ModulatedParams, Moving, MovingParams, Rotated, RotatedParams,
-    Scaled, ScaledParams, Sum, Translated, TranslatedParams,
+    MirroredParams, ModulatedParams, MovingParams, RotatedParams, ScaledParams, Sum, Transform,
+    TranslatedParams,
 };
 use crate::fields::prelude::*;
 use crate::fields::{
     DoubleGyreParams, HillParams, LambOseenParams, PoiseuilleParams, TaylorGreenParams, ToroidalDropParams,
 };
 
-fn boxed<F: VelocityField + 'static>(field: Result<F>) -> Result<Box<dyn VelocityField>> {
-    Ok(Box::new(field?))
+fn sum(fields: Vec<Box<dyn VelocityField>>) -> Result<Box<dyn VelocityField>> {
+    Ok(Box::new(Sum::new(fields)?))
 }
 
 /// The channel flow of the default scene, as a component of compositions.
@@ -30,10 +30,10 @@ pub(crate) const SUM: FieldEntry = FieldEntry {
     parameters: &[],
     source: "composition",
     plane: PlotPlane::XY,
-    make: || boxed(Sum::new(vec![channel()?, vortex(0.0)?])),
+    make: || sum(vec![channel()?, vortex(0.0)?]),
     variants: &[
-        ("one", || boxed(Sum::new(vec![vortex(1e3)?]))),
-        ("three", || boxed(Sum::new(vec![channel()?, vortex(1e3)?, HillParams::default().build()?]))),
+        ("one", || sum(vec![vortex(1e3)?])),
+        ("three", || sum(vec![channel()?, vortex(1e3)?, HillParams::default().build()?])),
     ],
 };
 
@@ -44,20 +44,14 @@ pub(crate) const SCALED: FieldEntry = FieldEntry {
     source: "composition",
     plane: PlotPlane::XY,
     make: || {
-        boxed(Scaled::new(
-            vortex(0.0)?,
-            &ScaledParams { velocity_factor: 0.5, length_factor: 1.5, center_um: [10.0, 0.0, -30.0] },
-        ))
+        ScaledParams { velocity_factor: 0.5, length_factor: 1.5, center_um: [10.0, 0.0, -30.0] }
+            .apply(vortex(0.0)?)
     },
     variants: &[
-        ("decaying", || {
-            boxed(Scaled::new(vortex(1e3)?, &ScaledParams { velocity_factor: -0.5, ..Default::default() }))
-        }),
+        ("decaying", || ScaledParams { velocity_factor: -0.5, ..Default::default() }.apply(vortex(1e3)?)),
         ("alike", || {
-            boxed(Scaled::new(
-                vortex(1e3)?,
-                &ScaledParams { velocity_factor: 0.5, length_factor: 0.5, ..Default::default() },
-            ))
+            ScaledParams { velocity_factor: 0.5, length_factor: 0.5, ..Default::default() }
+                .apply(vortex(1e3)?)
         }),
     ],
 };
@@ -68,12 +62,10 @@ pub(crate) const TRANSLATED: FieldEntry = FieldEntry {
     parameters: TranslatedParams::PARAMETERS,
     source: "composition",
     plane: PlotPlane::XY,
-    make: || boxed(Translated::new(vortex(1e3)?, &TranslatedParams { offset_um: [60.0, -40.0, 5.0] })),
+    make: || TranslatedParams { offset_um: [60.0, -40.0, 5.0] }.apply(vortex(1e3)?),
     variants: &[("moving hill", || {
-        boxed(Translated::new(
-            HillParams { moving: true, ..Default::default() }.build()?,
-            &TranslatedParams { offset_um: [60.0, -40.0, 5.0] },
-        ))
+        TranslatedParams { offset_um: [60.0, -40.0, 5.0] }
+            .apply(HillParams { moving: true, ..Default::default() }.build()?)
     })],
 };
 
@@ -84,16 +76,11 @@ pub(crate) const ROTATED: FieldEntry = FieldEntry {
     source: "composition",
     plane: PlotPlane::XY,
     make: || {
-        boxed(Rotated::new(
-            vortex(1e3)?,
-            &RotatedParams { axis: [1.0, 2.0, 2.0], angle_rad: 0.7, center_um: [0.0, 0.0, -30.0] },
-        ))
+        RotatedParams { axis: [1.0, 2.0, 2.0], angle_rad: 0.7, center_um: [0.0, 0.0, -30.0] }
+            .apply(vortex(1e3)?)
     },
     variants: &[("gyre", || {
-        boxed(Rotated::new(
-            DoubleGyreParams::default().build()?,
-            &RotatedParams { angle_rad: -1.1, ..Default::default() },
-        ))
+        RotatedParams { angle_rad: -1.1, ..Default::default() }.apply(DoubleGyreParams::default().build()?)
     })],
 };
 
@@ -103,12 +90,9 @@ pub(crate) const MOVING: FieldEntry = FieldEntry {
     parameters: MovingParams::PARAMETERS,
     source: "composition",
     plane: PlotPlane::XY,
-    make: || boxed(Moving::new(vortex(1e3)?, &MovingParams { velocity_um_s: [300.0, -100.0, 50.0] })),
+    make: || MovingParams { velocity_um_s: [300.0, -100.0, 50.0] }.apply(vortex(1e3)?),
     variants: &[("cells", || {
-        boxed(Moving::new(
-            TaylorGreenParams::default().build()?,
-            &MovingParams { velocity_um_s: [300.0, -100.0, 50.0] },
-        ))
+        MovingParams { velocity_um_s: [300.0, -100.0, 50.0] }.apply(TaylorGreenParams::default().build()?)
     })],
 };
 
@@ -119,16 +103,10 @@ pub(crate) const MODULATED: FieldEntry = FieldEntry {
     source: "composition",
     plane: PlotPlane::XY,
     make: || {
-        boxed(Modulated::new(
-            vortex(0.0)?,
-            &ModulatedParams { mean: 0.3, amplitude: 0.7, frequency_hz: 30.0, phase_rad: 0.5 },
-        ))
+        ModulatedParams { mean: 0.3, amplitude: 0.7, frequency_hz: 30.0, phase_rad: 0.5 }.apply(vortex(0.0)?)
     },
     variants: &[("decaying", || {
-        boxed(Modulated::new(
-            vortex(1e3)?,
-            &ModulatedParams { mean: 0.0, amplitude: 1.0, ..Default::default() },
-        ))
+        ModulatedParams { mean: 0.0, amplitude: 1.0, ..Default::default() }.apply(vortex(1e3)?)
     })],
 };
 
@@ -138,11 +116,8 @@ pub(crate) const MIRRORED: FieldEntry = FieldEntry {
     parameters: MirroredParams::PARAMETERS,
     source: "composition",
     plane: PlotPlane::XY,
-    make: || boxed(Mirrored::new(vortex(1e3)?, &MirroredParams { axis: Axis::X, at_um: 25.0 })),
+    make: || MirroredParams { axis: Axis::X, at_um: 25.0 }.apply(vortex(1e3)?),
     variants: &[("drop", || {
-        boxed(Mirrored::new(
-            ToroidalDropParams::default().build()?,
-            &MirroredParams { axis: Axis::Y, at_um: 10.0 },
-        ))
+        MirroredParams { axis: Axis::Y, at_um: 10.0 }.apply(ToroidalDropParams::default().build()?)
     })],
 };

@@ -22,16 +22,27 @@ mod unsteady;
 
 pub(in crate::fields) use entries::vortex;
 pub(crate) use entries::{MIRRORED, MODULATED, MOVING, ROTATED, SCALED, SUM, TRANSLATED};
-pub use placed::{Mirrored, MirroredParams, Rotated, RotatedParams, Translated, TranslatedParams};
-pub use scaled::{Scaled, ScaledParams};
+pub use placed::{MirroredParams, RotatedParams, TranslatedParams};
+pub use scaled::ScaledParams;
 pub use sum::Sum;
-pub use unsteady::{Modulated, ModulatedParams, Moving, MovingParams};
+pub use unsteady::{ModulatedParams, MovingParams};
 
+use crate::error::Result;
 use crate::field::VelocityField;
 use std::sync::Arc;
 
 /// The inner field of a composition.
 type Inner = Arc<dyn VelocityField>;
+type Field = Box<dyn VelocityField>;
+
+/// Parameters of a composition of one field.
+pub trait Transform {
+    /// The transformed field.
+    ///
+    /// # Errors
+    /// A parameter that is out of range.
+    fn apply(&self, field: Box<dyn VelocityField>) -> Result<Box<dyn VelocityField>>;
+}
 
 #[cfg(test)]
 mod tests {
@@ -53,11 +64,11 @@ mod tests {
     #[test]
     fn a_quarter_turn_about_z_sends_columns_to_rows() {
         let params = RotatedParams { angle_rad: 0.5 * PI, ..Default::default() };
-        let field = Rotated::new(poiseuille(), &params).unwrap();
+        let field = params.apply(poiseuille()).unwrap();
         let u = field.velocity(DVec3::new(5.0, 7.0, -30.0), 0.0);
         assert!((u - DVec3::Y * 1290.0).length() < 1e-12 * 1290.0);
         let flat = RotatedParams { axis: [0.0; 3], ..params };
-        let message = Rotated::new(poiseuille(), &flat).unwrap_err().to_string();
+        let message = flat.apply(poiseuille()).unwrap_err().to_string();
         assert_eq!(message, "rotated: axis = [0.0, 0.0, 0.0]: expected a vector other than zero");
     }
 
@@ -69,21 +80,21 @@ mod tests {
             gradient.x_axis.y - gradient.y_axis.x
         };
         let before = spin(rankine.as_ref(), DVec3::ZERO);
-        let mirrored = Mirrored::new(rankine, &MirroredParams { axis: Axis::X, at_um: 50.0 }).unwrap();
-        assert_eq!(spin(&mirrored, DVec3::X * 100.0), -before);
+        let mirrored = MirroredParams { axis: Axis::X, at_um: 50.0 }.apply(rankine).unwrap();
+        assert_eq!(spin(mirrored.as_ref(), DVec3::X * 100.0), -before);
     }
 
     #[test]
     fn closed_forms_survive_only_where_they_hold() {
         let twice = ScaledParams { velocity_factor: 2.0, ..Default::default() };
         let closed = |field: &dyn VelocityField| field.flow_map(DVec3::X * 30.0, 0.0, 0.01).is_some();
-        assert!(closed(&Scaled::new(vortex(0.0), &twice).unwrap()));
-        assert!(!closed(&Scaled::new(vortex(1e3), &twice).unwrap()));
+        assert!(closed(twice.apply(vortex(0.0)).unwrap().as_ref()));
+        assert!(!closed(twice.apply(vortex(1e3)).unwrap().as_ref()));
         // Doubling speeds and lengths leaves the time scale unchanged, also for a decaying vortex.
         let larger = ScaledParams { length_factor: 2.0, ..twice };
-        assert!(closed(&Scaled::new(vortex(1e3), &larger).unwrap()));
+        assert!(closed(larger.apply(vortex(1e3)).unwrap().as_ref()));
         let pulse = ModulatedParams { amplitude: 0.5, ..Default::default() };
-        assert!(!closed(&Modulated::new(vortex(1e3), &pulse).unwrap()));
+        assert!(!closed(pulse.apply(vortex(1e3)).unwrap().as_ref()));
         assert!(closed(&Sum::new(vec![vortex(1e3)]).unwrap()));
         assert!(!closed(&Sum::new(vec![vortex(0.0), poiseuille()]).unwrap()));
     }
@@ -100,16 +111,14 @@ mod tests {
     #[test]
     fn factors_are_checked() {
         let flat = ScaledParams { length_factor: 0.0, ..Default::default() };
-        let message = Scaled::new(poiseuille(), &flat).unwrap_err().to_string();
+        let message = flat.apply(poiseuille()).unwrap_err().to_string();
         assert_eq!(message, "scaled: length_factor = 0: expected a finite number > 0");
-        assert!(Moving::new(poiseuille(), &MovingParams { velocity_um_s: [f64::NAN; 3] }).is_err());
-        assert!(Translated::new(poiseuille(), &TranslatedParams { offset_um: [f64::INFINITY; 3] }).is_err());
-        assert!(
-            Modulated::new(poiseuille(), &ModulatedParams { frequency_hz: -1.0, ..Default::default() })
-                .is_err()
-        );
-        assert!(
-            Mirrored::new(poiseuille(), &MirroredParams { at_um: f64::NAN, ..Default::default() }).is_err()
-        );
+        let wrong: [&dyn Transform; 4] = [
+            &MovingParams { velocity_um_s: [f64::NAN; 3] },
+            &TranslatedParams { offset_um: [f64::INFINITY; 3] },
+            &ModulatedParams { frequency_hz: -1.0, ..Default::default() },
+            &MirroredParams { at_um: f64::NAN, ..Default::default() },
+        ];
+        assert!(wrong.iter().all(|params| params.apply(poiseuille()).is_err()));
     }
 }

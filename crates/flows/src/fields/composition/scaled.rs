@@ -1,13 +1,13 @@
 //! A field with scaled velocities and lengths.
 
-use super::Inner;
+use super::{Field, Inner, Transform};
 use crate::fields::prelude::*;
 use std::sync::Arc;
 
 const SCALED: ParameterCheck = ParameterCheck("scaled");
 
 params! {
-    /// Parameters of [`Scaled`].
+    /// Parameters of a field with scaled velocities and lengths.
     ScaledParams {
         /// Factor by which velocities are multiplied.
         velocity_factor: f64 = 1.0, [finite];
@@ -21,24 +21,25 @@ params! {
 
 /// A field with scaled velocities and lengths.
 #[derive(Debug)]
-pub struct Scaled {
+struct Scaled {
     inner: Inner,
     velocity: f64,
     length: f64,
     center: DVec3,
 }
 
-impl Scaled {
-    /// `inner`, scaled.
-    pub fn new(inner: Box<dyn VelocityField>, params: &ScaledParams) -> Result<Self> {
-        Ok(Scaled {
+impl Transform for ScaledParams {
+    fn apply(&self, inner: Field) -> Result<Field> {
+        Ok(Box::new(Scaled {
             inner: inner.into(),
-            velocity: SCALED.finite("velocity_factor", params.velocity_factor)?,
-            length: SCALED.positive("length_factor", params.length_factor)?,
-            center: DVec3::from_array(SCALED.all_finite("center_um", params.center_um)?),
-        })
+            velocity: SCALED.finite("velocity_factor", self.velocity_factor)?,
+            length: SCALED.positive("length_factor", self.length_factor)?,
+            center: DVec3::from_array(SCALED.all_finite("center_um", self.center_um)?),
+        }))
     }
+}
 
+impl Scaled {
     fn inward(&self, x: DVec3) -> DVec3 {
         self.center + (x - self.center) / self.length
     }

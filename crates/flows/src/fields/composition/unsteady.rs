@@ -1,6 +1,6 @@
 //! A field in a moving frame, or modulated in time.
 
-use super::Inner;
+use super::{Field, Inner, Transform};
 use crate::fields::prelude::*;
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ const MOVING: ParameterCheck = ParameterCheck("moving");
 const MODULATED: ParameterCheck = ParameterCheck("modulated");
 
 params! {
-    /// Parameters of [`Moving`].
+    /// Parameters of a field in a moving frame.
     MovingParams {
         /// Velocity of the moving frame, um/s.
         velocity_um_s: [f64; 3] = [0.0, 0.0, 0.0], [finite];
@@ -16,7 +16,7 @@ params! {
 }
 
 params! {
-    /// Parameters of [`Modulated`].
+    /// Parameters of a field multiplied by a function of time.
     ModulatedParams {
         /// Mean m of the modulation factor.
         mean: f64 = 1.0, [finite];
@@ -31,18 +31,19 @@ params! {
 
 /// A field in a moving frame.
 #[derive(Debug)]
-pub struct Moving {
+struct Moving {
     inner: Inner,
     velocity: DVec3,
 }
 
-impl Moving {
-    /// `inner`, moving at a constant velocity.
-    pub fn new(inner: Box<dyn VelocityField>, params: &MovingParams) -> Result<Self> {
-        let velocity = DVec3::from_array(MOVING.all_finite("velocity_um_s", params.velocity_um_s)?);
-        Ok(Moving { inner: inner.into(), velocity })
+impl Transform for MovingParams {
+    fn apply(&self, inner: Field) -> Result<Field> {
+        let velocity = DVec3::from_array(MOVING.all_finite("velocity_um_s", self.velocity_um_s)?);
+        Ok(Box::new(Moving { inner: inner.into(), velocity }))
     }
+}
 
+impl Moving {
     fn inward(&self, x: DVec3, t: f64) -> DVec3 {
         x - self.velocity * t
     }
@@ -100,7 +101,7 @@ impl VelocityField for Moving {
 
 /// A field multiplied by a function of time.
 #[derive(Debug)]
-pub struct Modulated {
+struct Modulated {
     inner: Inner,
     mean: f64,
     amplitude: f64,
@@ -108,18 +109,19 @@ pub struct Modulated {
     phase: f64,
 }
 
-impl Modulated {
-    /// `inner`, modulated.
-    pub fn new(inner: Box<dyn VelocityField>, params: &ModulatedParams) -> Result<Self> {
-        Ok(Modulated {
+impl Transform for ModulatedParams {
+    fn apply(&self, inner: Field) -> Result<Field> {
+        Ok(Box::new(Modulated {
             inner: inner.into(),
-            mean: MODULATED.finite("mean", params.mean)?,
-            amplitude: MODULATED.finite("amplitude", params.amplitude)?,
-            omega: 2.0 * PI * MODULATED.not_negative("frequency_hz", params.frequency_hz)?,
-            phase: MODULATED.finite("phase_rad", params.phase_rad)?,
-        })
+            mean: MODULATED.finite("mean", self.mean)?,
+            amplitude: MODULATED.finite("amplitude", self.amplitude)?,
+            omega: 2.0 * PI * MODULATED.not_negative("frequency_hz", self.frequency_hz)?,
+            phase: MODULATED.finite("phase_rad", self.phase_rad)?,
+        }))
     }
+}
 
+impl Modulated {
     fn factor(&self, t: f64) -> f64 {
         self.mean + self.amplitude * libm::cos(self.omega * t + self.phase)
     }
