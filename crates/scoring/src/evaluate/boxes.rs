@@ -7,39 +7,30 @@
 
 use std::collections::BTreeMap;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use crate::results::Points;
 use dataset::BoxRow;
 
-/// Average precision and recall of boxes.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct BoxScore {
-    /// Number of true boxes that are scored.
-    pub n_truth: usize,
-    /// Number of boxes in the result.
-    pub n_result: usize,
-    /// Average precision: mean over intersections over union (IoU) of 0.50, 0.55, ..., 0.95 and over 101
-    /// recalls (COCO).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub ap: Option<f64>,
-    /// Average precision at an IoU of 0.50.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub ap50: Option<f64>,
-    /// Average precision at an IoU of 0.75.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub ap75: Option<f64>,
-    /// Average recall: mean over IoU of 0.50, 0.55, ..., 0.95 (COCO).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub ar: Option<f64>,
-    /// Maximum recall at an IoU of 0.50 with at most one ghost (false positive) per 100 true boxes.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub recall_at_1_percent_ghosts: Option<f64>,
-    /// Maximum recall at an IoU of 0.50 with at most one ghost per 10 true boxes.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub recall_at_10_percent_ghosts: Option<f64>,
+scores! {
+    /// Average precision and recall of boxes.
+    pub struct BoxScore {
+        /// Number of true boxes that are scored.
+        pub n_truth: usize,
+        /// Number of boxes in the result.
+        pub n_result: usize,
+        /// Average precision: mean over intersections over union (IoU) of 0.50, 0.55, ..., 0.95 and over 101
+        /// recalls (COCO).
+        fraction ap: Option<f64>,
+        /// Average precision at an IoU of 0.50.
+        fraction ap50: Option<f64>,
+        /// Average precision at an IoU of 0.75.
+        fraction ap75: Option<f64>,
+        /// Average recall: mean over IoU of 0.50, 0.55, ..., 0.95 (COCO).
+        fraction ar: Option<f64>,
+        /// Maximum recall at an IoU of 0.50 with at most one ghost (false positive) per 100 true boxes.
+        fraction recall_at_1_percent_ghosts: Option<f64>,
+        /// Maximum recall at an IoU of 0.50 with at most one ghost per 10 true boxes.
+        fraction recall_at_10_percent_ghosts: Option<f64>,
+    }
 }
 
 /// A box in COCO's coordinates: left, top, width, height, px.

@@ -5,9 +5,6 @@
 //! track than the last one is an identity switch. MOTA = 1 - (misses + ghosts + switches) / true points; MOTP
 //! = mean distance of matched pairs, a length.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::assignment::{Pair, max_cardinality_min_cost};
 use super::candidates::{CandidatePair, Candidates};
 use super::matching::NONE;
@@ -15,37 +12,35 @@ use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
 use super::units::Units;
 
-/// CLEAR MOT (Bernardin and Stiefelhagen, EURASIP J. Image Video Process., 2008), as motmetrics 1.4 computes
-/// it.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Clear {
-    /// 1 - (misses + false positives + switches) / true points; at most 1, may be negative.
-    pub mota: Option<f64>,
-    /// Mean distance of matched pairs, px; with depth, the gate distance D times gate_xy.
-    #[schemars(range(min = 0.0))]
-    pub motp: Option<f64>,
-    /// Identity switches: matches of a true track with a result track other than its last one.
-    pub id_switches: usize,
-    /// Number of matches that are not identity switches.
-    pub matches: usize,
-    /// Number of true points without a match.
-    pub misses: usize,
-    /// Number of result points without a match.
-    pub false_positives: usize,
-    /// Number of times that a true track becomes unmatched and is matched again later.
-    pub fragmentations: usize,
-    /// Number of true tracks matched in at least 80 % of their points.
-    pub mostly_tracked: usize,
-    /// Number of true tracks matched in 20 to 80 % of their points.
-    pub partially_tracked: usize,
-    /// Number of true tracks matched in less than 20 % of their points.
-    pub mostly_lost: usize,
-    /// 95 % bootstrap interval of MOTA, resampling true tracks.
-    pub interval_mota: Interval,
-    /// 95 % bootstrap interval of MOTP, resampling true tracks.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_motp: Interval,
+scores! {
+    /// CLEAR MOT (Bernardin and Stiefelhagen, EURASIP J. Image Video Process., 2008), as motmetrics 1.4 computes
+    /// it.
+    pub struct Clear {
+        /// 1 - (misses + false positives + switches) / true points; at most 1, may be negative.
+        pub mota: Option<f64>,
+        /// Mean distance of matched pairs, px; with depth, the gate distance D times gate_xy.
+        not_negative motp: Option<f64>,
+        /// Identity switches: matches of a true track with a result track other than its last one.
+        pub id_switches: usize,
+        /// Number of matches that are not identity switches.
+        pub matches: usize,
+        /// Number of true points without a match.
+        pub misses: usize,
+        /// Number of result points without a match.
+        pub false_positives: usize,
+        /// Number of times that a true track becomes unmatched and is matched again later.
+        pub fragmentations: usize,
+        /// Number of true tracks matched in at least 80 % of their points.
+        pub mostly_tracked: usize,
+        /// Number of true tracks matched in 20 to 80 % of their points.
+        pub partially_tracked: usize,
+        /// Number of true tracks matched in less than 20 % of their points.
+        pub mostly_lost: usize,
+        /// 95 % bootstrap interval of MOTA, resampling true tracks.
+        pub interval_mota: Interval,
+        /// 95 % bootstrap interval of MOTP, resampling true tracks.
+        not_negative interval_motp: Interval,
+    }
 }
 
 impl Clear {

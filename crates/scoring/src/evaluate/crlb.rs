@@ -18,8 +18,6 @@ use microsig_core::render::{Context, RenderMethod, Renderer, RendererSpec, Shape
 use microsig_core::sensor::{PixelMaps, Response};
 use microsig_core::{Particle, Settings, Spheroid};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::curves::{Bin, Curve};
 use super::detection::Detection;
@@ -33,24 +31,22 @@ const TOLERANCE: f64 = 3e-3;
 /// detect.
 const SIZE: u32 = 801;
 
-/// Cramer-Rao bound of an isolated particle over depth (`--crlb`); with `mode: rays` only a reference,
-/// because ray counts vary less than the independent Poisson counts that the bound assumes.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Crlb {
-    /// Particle diameter for the bound: the median of the dataset.
-    #[schemars(range(min = 0.0))]
-    pub d_um: f64,
-    /// One entry per bin of the curve over z.
-    pub bins: Vec<BoundBin>,
-    /// Cramer-Rao bound of the axes of spheroids: the root mean square angle of an isolated one, median over a sample of
-    /// the true ones.
-    #[schemars(range(min = 0.0), extend("x-unit" = "deg"))]
-    pub crlb_axis_deg: Option<f64>,
-    /// crlb_axis_deg / (1.2011 orientation.median_deg): for normal errors, the root mean square of an angle is 1.2011 times
-    /// its median.
-    #[schemars(range(min = 0.0))]
-    pub efficiency_axis: Option<f64>,
+scores! {
+    /// Cramer-Rao bound of an isolated particle over depth (`--crlb`); with `mode: rays` only a reference,
+    /// because ray counts vary less than the independent Poisson counts that the bound assumes.
+    pub struct Crlb {
+        /// Particle diameter for the bound: the median of the dataset.
+        not_negative d_um: f64,
+        /// One entry per bin of the curve over z.
+        pub bins: Vec<BoundBin>,
+        /// Cramer-Rao bound of the axes of spheroids: the root mean square angle of an isolated one, median over a sample of
+        /// the true ones.
+        #[schemars(range(min = 0.0), extend("x-unit" = "deg"))]
+        pub crlb_axis_deg: Option<f64>,
+        /// crlb_axis_deg / (1.2011 orientation.median_deg): for normal errors, the root mean square of an angle is 1.2011 times
+        /// its median.
+        not_negative efficiency_axis: Option<f64>,
+    }
 }
 
 /// Root mean square over the median of an angle with independent normal errors of the same size along two directions:
@@ -60,30 +56,24 @@ const RMS_OF_MEDIAN: f64 = 1.2011;
 /// Number of spheroids whose bounds are computed.
 const SAMPLE: usize = 16;
 
-/// The bound at the center of a depth bin, and the efficiency of the result there.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct BoundBin {
-    /// Depth of the center of the bin.
-    pub z_um: f64,
-    /// Cramer-Rao bound of the standard deviation of x.
-    #[schemars(range(min = 0.0))]
-    pub crlb_x_px: Option<f64>,
-    /// Cramer-Rao bound of the standard deviation of y.
-    #[schemars(range(min = 0.0))]
-    pub crlb_y_px: Option<f64>,
-    /// Cramer-Rao bound of the standard deviation of z.
-    #[schemars(range(min = 0.0))]
-    pub crlb_z_um: Option<f64>,
-    /// crlb_x_px / RMS error of x.
-    #[schemars(range(min = 0.0))]
-    pub efficiency_x: Option<f64>,
-    /// crlb_y_px / RMS error of y.
-    #[schemars(range(min = 0.0))]
-    pub efficiency_y: Option<f64>,
-    /// crlb_z_um / RMS error of z.
-    #[schemars(range(min = 0.0))]
-    pub efficiency_z: Option<f64>,
+scores! {
+    /// The bound at the center of a depth bin, and the efficiency of the result there.
+    pub struct BoundBin {
+        /// Depth of the center of the bin.
+        pub z_um: f64,
+        /// Cramer-Rao bound of the standard deviation of x.
+        not_negative crlb_x_px: Option<f64>,
+        /// Cramer-Rao bound of the standard deviation of y.
+        not_negative crlb_y_px: Option<f64>,
+        /// Cramer-Rao bound of the standard deviation of z.
+        not_negative crlb_z_um: Option<f64>,
+        /// crlb_x_px / RMS error of x.
+        not_negative efficiency_x: Option<f64>,
+        /// crlb_y_px / RMS error of y.
+        not_negative efficiency_y: Option<f64>,
+        /// crlb_z_um / RMS error of z.
+        not_negative efficiency_z: Option<f64>,
+    }
 }
 
 /// The bound of a scenario in every bin of the curve over depth; for Gaussian particle images without such a

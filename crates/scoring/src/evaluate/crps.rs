@@ -17,35 +17,28 @@
 
 use std::f64::consts::{FRAC_2_PI, PI, SQRT_2};
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::detection::error;
 use super::matching::Matching;
 use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
 use super::units::{Matched, Units};
 
-/// Continuous ranked probability score of positions with claimed uncertainties.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Crps {
-    /// Number of true particles and ghosts.
-    pub n: usize,
-    /// Mean over all true particles and ghosts of the score of x and y (their mean). A position without a
-    /// claimed uncertainty counts with its error |e|; missed particles, those with a ghost in their gate,
-    /// and ghosts count with the gate.
-    #[schemars(range(min = 0.0))]
-    pub xy_px: Option<f64>,
-    /// The same for z; null without depth.
-    #[schemars(range(min = 0.0))]
-    pub z_um: Option<f64>,
-    /// 95 % interval of xy_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_xy_px: Interval,
-    /// 95 % interval of z_um.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_z_um: Interval,
+scores! {
+    /// Continuous ranked probability score of positions with claimed uncertainties.
+    pub struct Crps {
+        /// Number of true particles and ghosts.
+        pub n: usize,
+        /// Mean over all true particles and ghosts of the score of x and y (their mean). A position without a
+        /// claimed uncertainty counts with its error |e|; missed particles, those with a ghost in their gate,
+        /// and ghosts count with the gate.
+        not_negative xy_px: Option<f64>,
+        /// The same for z; null without depth.
+        not_negative z_um: Option<f64>,
+        /// 95 % interval of xy_px.
+        not_negative interval_xy_px: Interval,
+        /// 95 % interval of z_um.
+        not_negative interval_z_um: Interval,
+    }
 }
 
 /// The score of an error with claimed standard uncertainty; without a positive one, |error|.

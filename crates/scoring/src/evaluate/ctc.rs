@@ -6,39 +6,32 @@
 //! where AOGM0 is the cost of creating the truth from nothing; DET uses only the points, LNK only the links.
 //! Missed points dominate TRA, which is therefore insensitive to identity errors and unsuitable for ranking.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::links::{correct_links, successors};
 use super::matching::{Matching, NONE};
 use super::statistics::ratio;
 use super::track_set::TrackSet;
 
-/// Cell Tracking Challenge (Matula et al., PLoS ONE 10, e0144959, 2015), for points without divisions.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Ctc {
-    /// Tracking score: 1 - min(AOGM, AOGM0) / AOGM0, where AOGM0 is the cost of creating the truth from
-    /// nothing.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub tra: Option<f64>,
-    /// Detection score: the same with the costs of nodes (points) only.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub det: Option<f64>,
-    /// Linking score: the same with the costs of edges (links) only.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub lnk: Option<f64>,
-    /// Cost of editing the result into the truth: 10 fn_nodes + fp_nodes + fp_edges + 1.5 fn_edges.
-    #[schemars(range(min = 0.0))]
-    pub aogm: f64,
-    /// Number of true points without a match.
-    pub fn_nodes: usize,
-    /// Number of result points without a match.
-    pub fp_nodes: usize,
-    /// Number of true links that no result link reproduces.
-    pub fn_edges: usize,
-    /// Number of result links between matched points that are not true links.
-    pub fp_edges: usize,
+scores! {
+    /// Cell Tracking Challenge (Matula et al., PLoS ONE 10, e0144959, 2015), for points without divisions.
+    pub struct Ctc {
+        /// Tracking score: 1 - min(AOGM, AOGM0) / AOGM0, where AOGM0 is the cost of creating the truth from
+        /// nothing.
+        fraction tra: Option<f64>,
+        /// Detection score: the same with the costs of nodes (points) only.
+        fraction det: Option<f64>,
+        /// Linking score: the same with the costs of edges (links) only.
+        fraction lnk: Option<f64>,
+        /// Cost of editing the result into the truth: 10 fn_nodes + fp_nodes + fp_edges + 1.5 fn_edges.
+        not_negative aogm: f64,
+        /// Number of true points without a match.
+        pub fn_nodes: usize,
+        /// Number of result points without a match.
+        pub fp_nodes: usize,
+        /// Number of true links that no result link reproduces.
+        pub fn_edges: usize,
+        /// Number of result links between matched points that are not true links.
+        pub fp_edges: usize,
+    }
 }
 
 impl Ctc {

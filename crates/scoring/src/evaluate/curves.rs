@@ -1,8 +1,5 @@
 //! Recall and errors as functions of depth, distance to the nearest neighbor, SNR and overlap.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::detection::error;
 use super::matching::{Matching, NONE};
 use super::neighbors::CellGrid;
@@ -10,57 +7,48 @@ use super::statistics::{Errors, ratio};
 use super::track_set::TrackSet;
 use super::truth::TrueParticles;
 
-/// Recall and errors in bins of a property of the true particles.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Curve {
-    /// The property: z_um (depth), neighbor_px (distance to the nearest neighbor), snr or overlap.
-    pub against: String,
-    /// The bins, in ascending order.
-    pub bins: Vec<Bin>,
-}
+scores! {
+    /// Recall and errors in bins of a property of the true particles.
+    pub struct Curve {
+        /// The property: z_um (depth), neighbor_px (distance to the nearest neighbor), snr or overlap.
+        pub against: String,
+        /// The bins, in ascending order.
+        pub bins: Vec<Bin>,
+    }
 
-/// One bin of a curve; errors are null if no particle in it was found.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Bin {
-    /// Lower edge of the bin, in the unit of the property.
-    pub from: f64,
-    /// Upper edge of the bin; null if it is open.
-    #[serde(deserialize_with = "super::statistics::or_infinite")]
-    #[schemars(with = "Option<f64>")]
-    pub to: f64,
-    /// Number of true particles in the bin.
-    pub n_true: usize,
-    /// Number of matched true particles in the bin.
-    pub tp: usize,
-    /// tp / n_true.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub recall: Option<f64>,
-    /// Mean error of x.
-    pub bias_x_px: Option<f64>,
-    /// Standard deviation of the error of x.
-    #[schemars(range(min = 0.0))]
-    pub random_x_px: Option<f64>,
-    /// RMS error of x.
-    #[schemars(range(min = 0.0))]
-    pub rms_x_px: Option<f64>,
-    /// Mean error of y.
-    pub bias_y_px: Option<f64>,
-    /// Standard deviation of the error of y.
-    #[schemars(range(min = 0.0))]
-    pub random_y_px: Option<f64>,
-    /// RMS error of y.
-    #[schemars(range(min = 0.0))]
-    pub rms_y_px: Option<f64>,
-    /// Mean error of z.
-    pub bias_z_um: Option<f64>,
-    /// Standard deviation of the error of z.
-    #[schemars(range(min = 0.0))]
-    pub random_z_um: Option<f64>,
-    /// RMS error of z.
-    #[schemars(range(min = 0.0))]
-    pub rms_z_um: Option<f64>,
+    /// One bin of a curve; errors are null if no particle in it was found.
+    pub struct Bin {
+        /// Lower edge of the bin, in the unit of the property.
+        pub from: f64,
+        /// Upper edge of the bin; null if it is open.
+        #[serde(deserialize_with = "super::statistics::or_infinite")]
+        #[schemars(with = "Option<f64>")]
+        pub to: f64,
+        /// Number of true particles in the bin.
+        pub n_true: usize,
+        /// Number of matched true particles in the bin.
+        pub tp: usize,
+        /// tp / n_true.
+        fraction recall: Option<f64>,
+        /// Mean error of x.
+        pub bias_x_px: Option<f64>,
+        /// Standard deviation of the error of x.
+        not_negative random_x_px: Option<f64>,
+        /// RMS error of x.
+        not_negative rms_x_px: Option<f64>,
+        /// Mean error of y.
+        pub bias_y_px: Option<f64>,
+        /// Standard deviation of the error of y.
+        not_negative random_y_px: Option<f64>,
+        /// RMS error of y.
+        not_negative rms_y_px: Option<f64>,
+        /// Mean error of z.
+        pub bias_z_um: Option<f64>,
+        /// Standard deviation of the error of z.
+        not_negative random_z_um: Option<f64>,
+        /// RMS error of z.
+        not_negative rms_z_um: Option<f64>,
+    }
 }
 
 /// Name of the curve over the distance to the nearest neighbor; `neighbour_px` in files of version 0.1.

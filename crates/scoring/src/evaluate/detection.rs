@@ -1,91 +1,69 @@
 //! Detection and localization scores (docs/scoring.md).
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::matching::{Matching, NONE};
 use super::statistics::{Errors, Interval, quantile, ratio};
 use super::track_set::TrackSet;
 use super::units::{Matched, Units};
 
-/// Detection and localization over all frames; matched pairs by assignment A1.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Detection {
-    /// True positives: number of matched pairs.
-    pub tp: usize,
-    /// False negatives: number of true particles without a match.
-    #[serde(rename = "fn")]
-    pub missed: usize,
-    /// False positives (ghosts): number of result points without a match.
-    pub fp: usize,
-    /// TP / (TP + FP); null without result points.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub precision: Option<f64>,
-    /// TP / (TP + FN); null without true particles.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub recall: Option<f64>,
-    /// Harmonic mean of precision and recall, 2 TP / (2 TP + FP + FN).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub f1: Option<f64>,
-    /// Jaccard index, TP / (TP + FP + FN).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub jaccard: Option<f64>,
-    /// Root mean square distance of matched pairs in the image plane.
-    #[schemars(range(min = 0.0))]
-    pub rmse_xy_px: Option<f64>,
-    /// Root mean square error of x, over matched pairs: rmse^2 = bias^2 + random^2.
-    #[schemars(range(min = 0.0))]
-    pub rmse_x_px: Option<f64>,
-    /// Root mean square error of y.
-    #[schemars(range(min = 0.0))]
-    pub rmse_y_px: Option<f64>,
-    /// Root mean square error of z; null if depth is not scored.
-    #[schemars(range(min = 0.0))]
-    pub rmse_z_um: Option<f64>,
-    /// Mean error of x, result - truth.
-    pub bias_x_px: Option<f64>,
-    /// Mean error of y, result - truth.
-    pub bias_y_px: Option<f64>,
-    /// Mean error of z, result - truth.
-    pub bias_z_um: Option<f64>,
-    /// Standard deviation of the error of x about its mean (over n, not n - 1).
-    #[schemars(range(min = 0.0))]
-    pub random_x_px: Option<f64>,
-    /// Standard deviation of the error of y about its mean.
-    #[schemars(range(min = 0.0))]
-    pub random_y_px: Option<f64>,
-    /// Standard deviation of the error of z about its mean.
-    #[schemars(range(min = 0.0))]
-    pub random_z_um: Option<f64>,
-    /// Median distance of matched pairs in the image plane.
-    #[schemars(range(min = 0.0))]
-    pub p50_xy_px: Option<f64>,
-    /// 95 % quantile of the distance of matched pairs in the image plane.
-    #[schemars(range(min = 0.0))]
-    pub p95_xy_px: Option<f64>,
-    /// 95 % bootstrap interval of precision, resampling true tracks.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_precision: Interval,
-    /// 95 % bootstrap interval of recall.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_recall: Interval,
-    /// 95 % bootstrap interval of F1.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_f1: Interval,
-    /// 95 % bootstrap interval of the Jaccard index.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_jaccard: Interval,
-    /// 95 % bootstrap interval of rmse_xy_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_rmse_xy_px: Interval,
-    /// 95 % bootstrap interval of rmse_z_um.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_rmse_z_um: Interval,
-    /// 95 % bootstrap interval of bias_x_px.
-    pub interval_bias_x_px: Interval,
-    /// 95 % bootstrap interval of bias_y_px.
-    pub interval_bias_y_px: Interval,
+scores! {
+    /// Detection and localization over all frames; matched pairs by assignment A1.
+    pub struct Detection {
+        /// True positives: number of matched pairs.
+        pub tp: usize,
+        /// False negatives: number of true particles without a match.
+        #[serde(rename = "fn")]
+        pub missed: usize,
+        /// False positives (ghosts): number of result points without a match.
+        pub fp: usize,
+        /// TP / (TP + FP); null without result points.
+        fraction precision: Option<f64>,
+        /// TP / (TP + FN); null without true particles.
+        fraction recall: Option<f64>,
+        /// Harmonic mean of precision and recall, 2 TP / (2 TP + FP + FN).
+        fraction f1: Option<f64>,
+        /// Jaccard index, TP / (TP + FP + FN).
+        fraction jaccard: Option<f64>,
+        /// Root mean square distance of matched pairs in the image plane.
+        not_negative rmse_xy_px: Option<f64>,
+        /// Root mean square error of x, over matched pairs: rmse^2 = bias^2 + random^2.
+        not_negative rmse_x_px: Option<f64>,
+        /// Root mean square error of y.
+        not_negative rmse_y_px: Option<f64>,
+        /// Root mean square error of z; null if depth is not scored.
+        not_negative rmse_z_um: Option<f64>,
+        /// Mean error of x, result - truth.
+        pub bias_x_px: Option<f64>,
+        /// Mean error of y, result - truth.
+        pub bias_y_px: Option<f64>,
+        /// Mean error of z, result - truth.
+        pub bias_z_um: Option<f64>,
+        /// Standard deviation of the error of x about its mean (over n, not n - 1).
+        not_negative random_x_px: Option<f64>,
+        /// Standard deviation of the error of y about its mean.
+        not_negative random_y_px: Option<f64>,
+        /// Standard deviation of the error of z about its mean.
+        not_negative random_z_um: Option<f64>,
+        /// Median distance of matched pairs in the image plane.
+        not_negative p50_xy_px: Option<f64>,
+        /// 95 % quantile of the distance of matched pairs in the image plane.
+        not_negative p95_xy_px: Option<f64>,
+        /// 95 % bootstrap interval of precision, resampling true tracks.
+        fraction interval_precision: Interval,
+        /// 95 % bootstrap interval of recall.
+        fraction interval_recall: Interval,
+        /// 95 % bootstrap interval of F1.
+        fraction interval_f1: Interval,
+        /// 95 % bootstrap interval of the Jaccard index.
+        fraction interval_jaccard: Interval,
+        /// 95 % bootstrap interval of rmse_xy_px.
+        not_negative interval_rmse_xy_px: Interval,
+        /// 95 % bootstrap interval of rmse_z_um.
+        not_negative interval_rmse_z_um: Interval,
+        /// 95 % bootstrap interval of bias_x_px.
+        pub interval_bias_x_px: Interval,
+        /// 95 % bootstrap interval of bias_y_px.
+        pub interval_bias_y_px: Interval,
+    }
 }
 
 /// Precision, recall, F1 and Jaccard index from counts of TP, FN and FP; `None` where docs/scoring.md leaves

@@ -6,9 +6,6 @@
 //! nodes of Z = (z - z_0) / h, with windows of one step to either side; ghosts are counted at their measured
 //! depth.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::detection::error;
 use super::gate::{Edge, Gate, Shape};
 use super::matching::{NONE, greedy};
@@ -20,99 +17,76 @@ use storage::error::Result;
 /// Number of nodes of the local curves.
 pub const NODES: usize = 21;
 
-/// General defocusing particle tracking (Barnkob and Rossi, Exp. Fluids 61, 110, 2020); assignment A2, closed
-/// box gate.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Gdpt {
-    /// Half width of the box in x and y.
-    #[schemars(range(min = 0.0))]
-    pub gate_xy_px: f64,
-    /// Half height of the box in z.
-    #[schemars(range(min = 0.0))]
-    pub gate_z_um: f64,
-    /// Number of matched pairs.
-    pub tp: usize,
-    /// Number of true particles without a match.
-    #[serde(rename = "fn")]
-    pub missed: usize,
-    /// Number of result points without a match.
-    pub fp: usize,
-    /// Relative number of measured particles: matched / true particles.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub phi: Option<f64>,
-    /// TP / (TP + FP).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub precision: Option<f64>,
-    /// Root mean square error of x about zero; includes bias.
-    #[schemars(range(min = 0.0))]
-    pub sigma_x_px: Option<f64>,
-    /// Root mean square error of y about zero.
-    #[schemars(range(min = 0.0))]
-    pub sigma_y_px: Option<f64>,
-    /// Root mean square error of z about zero.
-    #[schemars(range(min = 0.0))]
-    pub sigma_z_um: Option<f64>,
-    /// sigma_z_um over the depth range h.
-    #[schemars(range(min = 0.0))]
-    pub sigma_z_over_h: Option<f64>,
-    /// Mean error of x.
-    pub bias_x_px: Option<f64>,
-    /// Mean error of y.
-    pub bias_y_px: Option<f64>,
-    /// Mean error of z.
-    pub bias_z_um: Option<f64>,
-    /// Fraction of particles with |dz| > h / 10 among those matched in the image plane only.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub rate_outlier: Option<f64>,
-    /// 95 % bootstrap interval of phi, resampling true tracks.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_phi: Interval,
-    /// 95 % bootstrap interval of precision.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_precision: Interval,
-    /// 95 % bootstrap interval of sigma_x_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_sigma_x_px: Interval,
-    /// 95 % bootstrap interval of sigma_y_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_sigma_y_px: Interval,
-    /// 95 % bootstrap interval of sigma_z_um.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_sigma_z_um: Interval,
-    /// 95 % bootstrap interval of sigma_z_over_h.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_sigma_z_over_h: Interval,
-    /// Local scores at 21 depths Z = (z - z_0) / h, in windows of +- 1/20.
-    pub curve: Vec<DepthNode>,
-}
+scores! {
+    /// General defocusing particle tracking (Barnkob and Rossi, Exp. Fluids 61, 110, 2020); assignment A2, closed
+    /// box gate.
+    pub struct Gdpt {
+        /// Half width of the box in x and y.
+        not_negative gate_xy_px: f64,
+        /// Half height of the box in z.
+        not_negative gate_z_um: f64,
+        /// Number of matched pairs.
+        pub tp: usize,
+        /// Number of true particles without a match.
+        #[serde(rename = "fn")]
+        pub missed: usize,
+        /// Number of result points without a match.
+        pub fp: usize,
+        /// Relative number of measured particles: matched / true particles.
+        fraction phi: Option<f64>,
+        /// TP / (TP + FP).
+        fraction precision: Option<f64>,
+        /// Root mean square error of x about zero; includes bias.
+        not_negative sigma_x_px: Option<f64>,
+        /// Root mean square error of y about zero.
+        not_negative sigma_y_px: Option<f64>,
+        /// Root mean square error of z about zero.
+        not_negative sigma_z_um: Option<f64>,
+        /// sigma_z_um over the depth range h.
+        not_negative sigma_z_over_h: Option<f64>,
+        /// Mean error of x.
+        pub bias_x_px: Option<f64>,
+        /// Mean error of y.
+        pub bias_y_px: Option<f64>,
+        /// Mean error of z.
+        pub bias_z_um: Option<f64>,
+        /// Fraction of particles with |dz| > h / 10 among those matched in the image plane only.
+        fraction rate_outlier: Option<f64>,
+        /// 95 % bootstrap interval of phi, resampling true tracks.
+        fraction interval_phi: Interval,
+        /// 95 % bootstrap interval of precision.
+        fraction interval_precision: Interval,
+        /// 95 % bootstrap interval of sigma_x_px.
+        not_negative interval_sigma_x_px: Interval,
+        /// 95 % bootstrap interval of sigma_y_px.
+        not_negative interval_sigma_y_px: Interval,
+        /// 95 % bootstrap interval of sigma_z_um.
+        not_negative interval_sigma_z_um: Interval,
+        /// 95 % bootstrap interval of sigma_z_over_h.
+        not_negative interval_sigma_z_over_h: Interval,
+        /// Local scores at 21 depths Z = (z - z_0) / h, in windows of +- 1/20.
+        pub curve: Vec<DepthNode>,
+    }
 
-/// Local scores at one depth.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct DepthNode {
-    /// Depth of the node, Z = (z - z_0) / h.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub z_over_h: f64,
-    /// Number of true particles in the window.
-    pub n_true: usize,
-    /// Number of matched true particles in the window.
-    pub tp: usize,
-    /// tp / n_true.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub recall: Option<f64>,
-    /// tp / (tp + ghosts measured in the window).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub precision: Option<f64>,
-    /// RMS error of x.
-    #[schemars(range(min = 0.0))]
-    pub sigma_x_px: Option<f64>,
-    /// RMS error of y.
-    #[schemars(range(min = 0.0))]
-    pub sigma_y_px: Option<f64>,
-    /// RMS error of z.
-    #[schemars(range(min = 0.0))]
-    pub sigma_z_um: Option<f64>,
+    /// Local scores at one depth.
+    pub struct DepthNode {
+        /// Depth of the node, Z = (z - z_0) / h.
+        fraction z_over_h: f64,
+        /// Number of true particles in the window.
+        pub n_true: usize,
+        /// Number of matched true particles in the window.
+        pub tp: usize,
+        /// tp / n_true.
+        fraction recall: Option<f64>,
+        /// tp / (tp + ghosts measured in the window).
+        fraction precision: Option<f64>,
+        /// RMS error of x.
+        not_negative sigma_x_px: Option<f64>,
+        /// RMS error of y.
+        not_negative sigma_y_px: Option<f64>,
+        /// RMS error of z.
+        not_negative sigma_z_um: Option<f64>,
+    }
 }
 
 impl Gdpt {

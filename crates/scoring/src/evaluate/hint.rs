@@ -1,37 +1,31 @@
 //! Probable mistakes of convention.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use storage::advice::Named;
 
-/// A probable mistake of convention, and the score without it, if it is known. Corrections are never applied.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Hint {
-    /// What may be wrong; it ends with the option of the command that reads the result so, or with the change
-    /// to the file.
-    pub what: String,
-    /// The option of the command that reads the result without the mistake; empty if none does.
-    pub option: String,
-    /// The same for Python.
-    pub argument: String,
-    /// The question that `what` begins with. The rest of `what` quotes scores, which participants do not see
-    /// if the truth is withheld.
-    pub question: String,
-    /// detection.f1 without the mistake.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub f1: Option<f64>,
-    /// detection.f1 as scored.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub f1_now: Option<f64>,
-    /// Fields: RMS end-point error without the mistake. Particles: RMS distance in the image plane.
-    #[schemars(range(min = 0.0))]
-    pub rms_px: Option<f64>,
-    /// The same as scored.
-    #[schemars(range(min = 0.0))]
-    pub rms_px_now: Option<f64>,
-    /// Whether this was tried only on a sample (the first frames).
-    pub sampled: bool,
+scores! {
+    /// A probable mistake of convention, and the score without it, if it is known. Corrections are never applied.
+    pub struct Hint {
+        /// What may be wrong; it ends with the option of the command that reads the result so, or with the change
+        /// to the file.
+        pub what: String,
+        /// The option of the command that reads the result without the mistake; empty if none does.
+        pub option: String,
+        /// The same for Python.
+        pub argument: String,
+        /// The question that `what` begins with. The rest of `what` quotes scores, which participants do not see
+        /// if the truth is withheld.
+        pub question: String,
+        /// detection.f1 without the mistake.
+        fraction f1: Option<f64>,
+        /// detection.f1 as scored.
+        fraction f1_now: Option<f64>,
+        /// Fields: RMS end-point error without the mistake. Particles: RMS distance in the image plane.
+        not_negative rms_px: Option<f64>,
+        /// The same as scored.
+        not_negative rms_px_now: Option<f64>,
+        /// Whether this was tried only on a sample (the first frames).
+        pub sampled: bool,
+    }
 }
 
 impl Hint {

@@ -5,62 +5,45 @@
 //! matching maximizes sum A S, where A is the agreement of two tracks over all frames; at each threshold a =
 //! 0.05, 0.10, ..., 0.95 the pairs with S >= a count as matches. HOTA = mean over a of sqrt(DetA AssA).
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::assignment::{Pair, max_weight_matching};
 use super::candidates::{CandidatePair, Candidates};
 use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
 use super::units::Units;
 
-/// Higher order tracking accuracy (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it; values are
-/// means over 19 thresholds.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Hota {
-    /// Mean over thresholds of sqrt(DetA AssA).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub hota: Option<f64>,
-    /// Detection accuracy, TP / (TP + FN + FP).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub deta: Option<f64>,
-    /// Association accuracy, mean over TP of TPA / (TPA + FNA + FPA).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub assa: Option<f64>,
-    /// Detection recall.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub detre: Option<f64>,
-    /// Detection precision.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub detpr: Option<f64>,
-    /// Association recall.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub assre: Option<f64>,
-    /// Association precision.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub asspr: Option<f64>,
-    /// Localization accuracy: mean similarity of TP, 1 - d / (2 gates), where d is the distance of the pair.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub loca: Option<f64>,
-    /// HOTA at the lowest threshold, 0.05.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub hota_0: Option<f64>,
-    /// LocA at the lowest threshold.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub loca_0: Option<f64>,
-    /// HOTA at the thresholds 0.05, 0.10, ..., 0.95.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub curve: Vec<f64>,
-    /// 95 % bootstrap interval of HOTA, resampling true tracks.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_hota: Interval,
-    /// 95 % bootstrap interval of DetA.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_deta: Interval,
-    /// 95 % bootstrap interval of AssA.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_assa: Interval,
+scores! {
+    /// Higher order tracking accuracy (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it; values are
+    /// means over 19 thresholds.
+    pub struct Hota {
+        /// Mean over thresholds of sqrt(DetA AssA).
+        fraction hota: Option<f64>,
+        /// Detection accuracy, TP / (TP + FN + FP).
+        fraction deta: Option<f64>,
+        /// Association accuracy, mean over TP of TPA / (TPA + FNA + FPA).
+        fraction assa: Option<f64>,
+        /// Detection recall.
+        fraction detre: Option<f64>,
+        /// Detection precision.
+        fraction detpr: Option<f64>,
+        /// Association recall.
+        fraction assre: Option<f64>,
+        /// Association precision.
+        fraction asspr: Option<f64>,
+        /// Localization accuracy: mean similarity of TP, 1 - d / (2 gates), where d is the distance of the pair.
+        fraction loca: Option<f64>,
+        /// HOTA at the lowest threshold, 0.05.
+        fraction hota_0: Option<f64>,
+        /// LocA at the lowest threshold.
+        fraction loca_0: Option<f64>,
+        /// HOTA at the thresholds 0.05, 0.10, ..., 0.95.
+        fraction curve: Vec<f64>,
+        /// 95 % bootstrap interval of HOTA, resampling true tracks.
+        fraction interval_hota: Interval,
+        /// 95 % bootstrap interval of DetA.
+        fraction interval_deta: Interval,
+        /// 95 % bootstrap interval of AssA.
+        fraction interval_assa: Interval,
+    }
 }
 
 const THRESHOLDS: usize = 19;

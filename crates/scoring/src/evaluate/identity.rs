@@ -4,37 +4,30 @@
 //! IDTP is the maximum number of frames, over all one-to-one pairings of tracks, in which paired tracks are
 //! within the gate.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::assignment::{Pair, max_weight_matching};
 use super::candidates::Candidates;
 use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
 use super::units::Units;
 
-/// Identity scores (Ristani et al., ECCV workshops, 2016): the best one-to-one pairing of whole tracks.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Identity {
-    /// Identity F1: 2 IDTP / (true points + result points).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub idf1: Option<f64>,
-    /// Identity precision: IDTP / result points.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub idp: Option<f64>,
-    /// Identity recall: IDTP / true points.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub idr: Option<f64>,
-    /// Number of frames in which paired tracks are within the gate, summed over pairs.
-    pub idtp: usize,
-    /// False positives: result points - IDTP.
-    pub idfp: usize,
-    /// False negatives: true points - IDTP.
-    pub idfn: usize,
-    /// 95 % bootstrap interval of IDF1, resampling true tracks.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_idf1: Interval,
+scores! {
+    /// Identity scores (Ristani et al., ECCV workshops, 2016): the best one-to-one pairing of whole tracks.
+    pub struct Identity {
+        /// Identity F1: 2 IDTP / (true points + result points).
+        fraction idf1: Option<f64>,
+        /// Identity precision: IDTP / result points.
+        fraction idp: Option<f64>,
+        /// Identity recall: IDTP / true points.
+        fraction idr: Option<f64>,
+        /// Number of frames in which paired tracks are within the gate, summed over pairs.
+        pub idtp: usize,
+        /// False positives: result points - IDTP.
+        pub idfp: usize,
+        /// False negatives: true points - IDTP.
+        pub idfn: usize,
+        /// 95 % bootstrap interval of IDF1, resampling true tracks.
+        fraction interval_idf1: Interval,
+    }
 }
 
 impl Identity {

@@ -10,9 +10,6 @@
 //! (tests/suite/scoring.rs), except that its RMSE is 0 without a match and its alpha NaN without truth; here
 //! both are null.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::assignment::{Pair, max_weight_matching};
 use super::gate::Gate;
 use super::matching::check_pair_count;
@@ -22,68 +19,54 @@ use super::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
 use super::units::Units;
 use storage::error::Result;
 
-/// ISBI Particle Tracking Challenge (Chenouard et al., Nat. Methods 11, 281, 2014, Suppl. Note 3); assignment
-/// A3.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Isbi {
-    /// Number of dimensions of the distance: 2 (image plane) or 3 (with depth).
-    pub dims: u8,
-    /// Gate eps.
-    #[schemars(range(min = 0.0))]
-    pub gate_px: f64,
-    /// 1 - D / D0: normalized track distance, without a penalty for ghost tracks.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub alpha: Option<f64>,
-    /// (D0 - D) / (D0 + P): alpha with a penalty for unpaired result (ghost) tracks.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub beta: Option<f64>,
-    /// Jaccard index of the points: tp / (tp + missed + fp).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub jsc: Option<f64>,
-    /// Jaccard index of the tracks: tp_tracks / (tp_tracks + fn_tracks + fp_tracks).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub jsc_theta: Option<f64>,
-    /// Root mean square distance of matched points, px; with depth, z is scaled by gate_xy / gate_z.
-    #[schemars(range(min = 0.0))]
-    pub rmse: Option<f64>,
-    /// Smallest of these distances.
-    #[schemars(range(min = 0.0))]
-    pub min_distance: Option<f64>,
-    /// Largest of these distances.
-    #[schemars(range(min = 0.0))]
-    pub max_distance: Option<f64>,
-    /// Standard deviation of these distances.
-    #[schemars(range(min = 0.0))]
-    pub std_distance: Option<f64>,
-    /// Number of matched points in paired tracks.
-    pub tp: usize,
-    /// Number of points of true tracks, including filled gaps, without a match.
-    #[serde(rename = "fn")]
-    pub missed: usize,
-    /// Number of result points without a match.
-    pub fp: usize,
-    /// Number of paired tracks.
-    pub tp_tracks: usize,
-    /// Number of true tracks without a partner.
-    pub fn_tracks: usize,
-    /// Number of result tracks without a partner.
-    pub fp_tracks: usize,
-    /// 95 % bootstrap interval of alpha, resampling true tracks.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_alpha: Interval,
-    /// 95 % bootstrap interval of beta.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_beta: Interval,
-    /// 95 % bootstrap interval of JSC.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_jsc: Interval,
-    /// 95 % bootstrap interval of JSC_theta.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_jsc_theta: Interval,
-    /// 95 % bootstrap interval of RMSE.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_rmse: Interval,
+scores! {
+    /// ISBI Particle Tracking Challenge (Chenouard et al., Nat. Methods 11, 281, 2014, Suppl. Note 3); assignment
+    /// A3.
+    pub struct Isbi {
+        /// Number of dimensions of the distance: 2 (image plane) or 3 (with depth).
+        pub dims: u8,
+        /// Gate eps.
+        not_negative gate_px: f64,
+        /// 1 - D / D0: normalized track distance, without a penalty for ghost tracks.
+        fraction alpha: Option<f64>,
+        /// (D0 - D) / (D0 + P): alpha with a penalty for unpaired result (ghost) tracks.
+        fraction beta: Option<f64>,
+        /// Jaccard index of the points: tp / (tp + missed + fp).
+        fraction jsc: Option<f64>,
+        /// Jaccard index of the tracks: tp_tracks / (tp_tracks + fn_tracks + fp_tracks).
+        fraction jsc_theta: Option<f64>,
+        /// Root mean square distance of matched points, px; with depth, z is scaled by gate_xy / gate_z.
+        not_negative rmse: Option<f64>,
+        /// Smallest of these distances.
+        not_negative min_distance: Option<f64>,
+        /// Largest of these distances.
+        not_negative max_distance: Option<f64>,
+        /// Standard deviation of these distances.
+        not_negative std_distance: Option<f64>,
+        /// Number of matched points in paired tracks.
+        pub tp: usize,
+        /// Number of points of true tracks, including filled gaps, without a match.
+        #[serde(rename = "fn")]
+        pub missed: usize,
+        /// Number of result points without a match.
+        pub fp: usize,
+        /// Number of paired tracks.
+        pub tp_tracks: usize,
+        /// Number of true tracks without a partner.
+        pub fn_tracks: usize,
+        /// Number of result tracks without a partner.
+        pub fp_tracks: usize,
+        /// 95 % bootstrap interval of alpha, resampling true tracks.
+        fraction interval_alpha: Interval,
+        /// 95 % bootstrap interval of beta.
+        fraction interval_beta: Interval,
+        /// 95 % bootstrap interval of JSC.
+        fraction interval_jsc: Interval,
+        /// 95 % bootstrap interval of JSC_theta.
+        fraction interval_jsc_theta: Interval,
+        /// 95 % bootstrap interval of RMSE.
+        not_negative interval_rmse: Interval,
+    }
 }
 
 impl Isbi {

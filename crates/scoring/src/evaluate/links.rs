@@ -3,44 +3,35 @@
 //! A result link (two consecutive points of a result track) is correct if and only if both ends are matched
 //! and the matched true points are consecutive in one true track.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::detection::rates;
 use super::matching::{Matching, NONE};
 use super::statistics::Interval;
 use super::track_set::TrackSet;
 use super::units::Units;
 
-/// Scores of links, i.e. pairs of consecutive points of a track.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Links {
-    /// Number of correct result links: both ends are matched to consecutive points of one true track.
-    pub tp: usize,
-    /// Number of result links that are not correct.
-    pub fp: usize,
-    /// Number of true links that no result link reproduces.
-    #[serde(rename = "fn")]
-    pub missed: usize,
-    /// TP / (TP + FP).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub precision: Option<f64>,
-    /// TP / (TP + FN).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub recall: Option<f64>,
-    /// 2 TP / (2 TP + FP + FN).
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub f1: Option<f64>,
-    /// 95 % bootstrap interval of precision, resampling true tracks.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_precision: Interval,
-    /// 95 % bootstrap interval of recall.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_recall: Interval,
-    /// 95 % bootstrap interval of F1.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_f1: Interval,
+scores! {
+    /// Scores of links, i.e. pairs of consecutive points of a track.
+    pub struct Links {
+        /// Number of correct result links: both ends are matched to consecutive points of one true track.
+        pub tp: usize,
+        /// Number of result links that are not correct.
+        pub fp: usize,
+        /// Number of true links that no result link reproduces.
+        #[serde(rename = "fn")]
+        pub missed: usize,
+        /// TP / (TP + FP).
+        fraction precision: Option<f64>,
+        /// TP / (TP + FN).
+        fraction recall: Option<f64>,
+        /// 2 TP / (2 TP + FP + FN).
+        fraction f1: Option<f64>,
+        /// 95 % bootstrap interval of precision, resampling true tracks.
+        fraction interval_precision: Interval,
+        /// 95 % bootstrap interval of recall.
+        fraction interval_recall: Interval,
+        /// 95 % bootstrap interval of F1.
+        fraction interval_f1: Interval,
+    }
 }
 
 /// Index of the next point of the same track for every point, or [`NONE`].

@@ -4,9 +4,6 @@
 //! After Sciacchitano, Leclaire and Schröder (LPT challenge, 2021); definitions in docs/scoring.md and
 //! `motion.rs`.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::matching::{Matching, NONE};
 use super::motion::{Motion, TrackComparison};
 use super::statistics::{Interval, quantile, ratio};
@@ -14,78 +11,58 @@ use super::track_set::TrackSet;
 use super::truth::TrueParticles;
 use super::units::{Matched, Units};
 
-/// Lagrangian particle tracking (Sciacchitano, Leclaire and Schroeder, LPT challenge, 2021).
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Lpt {
-    /// Fraction of true particles that are found: TP / true particles.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub correct: Option<f64>,
-    /// Fraction of true particles that are missed: FN / true particles.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub missed: Option<f64>,
-    /// Ghosts per true particle: FP / true particles; may exceed 1.
-    #[schemars(range(min = 0.0))]
-    pub ghost: Option<f64>,
-    /// Fraction of result points that are ghosts: FP / result points.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub ghost_of_measured: Option<f64>,
-    /// Errors of displacement, velocity and acceleration.
-    #[serde(flatten)]
-    pub motion: Motion,
-    /// Mean over true tracks of the longest run of points followed by one result track, divided by the length
-    /// of the true track.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub coverage_longest: Option<f64>,
-    /// Mean number of result tracks per true track, over true tracks with any match.
-    #[schemars(range(min = 0.0))]
-    pub fragments_per_truth: Option<f64>,
-    /// Mean number of true tracks per result track, over result tracks with any match.
-    #[schemars(range(min = 0.0))]
-    pub truths_per_result: Option<f64>,
-    /// Fraction of true tracks with at least 80 % of their points matched.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub mostly_tracked: Option<f64>,
-    /// Fraction of true tracks with 20 to 80 % of their points matched.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub partially_tracked: Option<f64>,
-    /// Fraction of true tracks with at most 20 % of their points matched.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub mostly_lost: Option<f64>,
-    /// Fraction of result tracks that reproduce exactly one complete true track.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub strict: Option<f64>,
-    /// Mean fraction of the points of a result track that belong to the true track it follows most.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub purity: Option<f64>,
-    /// Mean number of points of result tracks.
-    #[schemars(range(min = 0.0))]
-    pub mean_length: Option<f64>,
-    /// Median number of points of result tracks.
-    #[schemars(range(min = 0.0))]
-    pub median_length: Option<f64>,
-    /// Numbers of result tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
-    pub lengths: [usize; 6],
-    /// Numbers of true tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
-    pub true_lengths: [usize; 6],
-    /// 95 % bootstrap interval of correct, resampling true tracks.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_correct: Interval,
-    /// 95 % bootstrap interval of ghost.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_ghost: Interval,
-    /// 95 % bootstrap interval of displacement_rms_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_displacement_rms_px: Interval,
-    /// 95 % bootstrap interval of velocity_rms_um_s.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_velocity_rms_um_s: Interval,
-    /// 95 % bootstrap interval of acceleration_rms_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_acceleration_rms_px: Interval,
-    /// 95 % bootstrap interval of acceleration_rms_um_s2.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_acceleration_rms_um_s2: Interval,
+scores! {
+    /// Lagrangian particle tracking (Sciacchitano, Leclaire and Schroeder, LPT challenge, 2021).
+    pub struct Lpt {
+        /// Fraction of true particles that are found: TP / true particles.
+        fraction correct: Option<f64>,
+        /// Fraction of true particles that are missed: FN / true particles.
+        fraction missed: Option<f64>,
+        /// Ghosts per true particle: FP / true particles; may exceed 1.
+        not_negative ghost: Option<f64>,
+        /// Fraction of result points that are ghosts: FP / result points.
+        fraction ghost_of_measured: Option<f64>,
+        /// Errors of displacement, velocity and acceleration.
+        #[serde(flatten)]
+        pub motion: Motion,
+        /// Mean over true tracks of the longest run of points followed by one result track, divided by the length
+        /// of the true track.
+        fraction coverage_longest: Option<f64>,
+        /// Mean number of result tracks per true track, over true tracks with any match.
+        not_negative fragments_per_truth: Option<f64>,
+        /// Mean number of true tracks per result track, over result tracks with any match.
+        not_negative truths_per_result: Option<f64>,
+        /// Fraction of true tracks with at least 80 % of their points matched.
+        fraction mostly_tracked: Option<f64>,
+        /// Fraction of true tracks with 20 to 80 % of their points matched.
+        fraction partially_tracked: Option<f64>,
+        /// Fraction of true tracks with at most 20 % of their points matched.
+        fraction mostly_lost: Option<f64>,
+        /// Fraction of result tracks that reproduce exactly one complete true track.
+        fraction strict: Option<f64>,
+        /// Mean fraction of the points of a result track that belong to the true track it follows most.
+        fraction purity: Option<f64>,
+        /// Mean number of points of result tracks.
+        not_negative mean_length: Option<f64>,
+        /// Median number of points of result tracks.
+        not_negative median_length: Option<f64>,
+        /// Numbers of result tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
+        pub lengths: [usize; 6],
+        /// Numbers of true tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
+        pub true_lengths: [usize; 6],
+        /// 95 % bootstrap interval of correct, resampling true tracks.
+        fraction interval_correct: Interval,
+        /// 95 % bootstrap interval of ghost.
+        not_negative interval_ghost: Interval,
+        /// 95 % bootstrap interval of displacement_rms_px.
+        not_negative interval_displacement_rms_px: Interval,
+        /// 95 % bootstrap interval of velocity_rms_um_s.
+        not_negative interval_velocity_rms_um_s: Interval,
+        /// 95 % bootstrap interval of acceleration_rms_px.
+        not_negative interval_acceleration_rms_px: Interval,
+        /// 95 % bootstrap interval of acceleration_rms_um_s2.
+        not_negative interval_acceleration_rms_um_s2: Interval,
+    }
 }
 
 /// Labels of the track-length classes, in points.

@@ -4,6 +4,46 @@
 //! the differences to other programs. [`evaluate`] runs all steps: select the scored points, match, score;
 //! [`evaluate_files`] reads truth and result first.
 
+/// Declares scores, which are null where they are undefined and may be missing in files: a `fraction` is within 0 and 1, a
+/// `not_negative` one is 0 or more; of an interval or a list this holds for each number.
+macro_rules! scores {
+    ($($(#[$meta:meta])* pub struct $name:ident { $($fields:tt)* })*) => {
+        $(scores!(@ [$(#[$meta])* $name] {} $($fields)*);)*
+    };
+    (@ $head:tt {$($done:tt)*} $(#[$meta:meta])* pub $field:ident: $type:ty, $($rest:tt)*) => {
+        scores!(@ $head {$($done)* $(#[$meta])* pub $field: $type,} $($rest)*);
+    };
+    (@ $head:tt {$($done:tt)*} $(#[$meta:meta])* $kind:ident $field:ident: Interval, $($rest:tt)*) => {
+        scores!(@@ $kind inner $head {$($done)* $(#[$meta])*} $field: Interval, $($rest)*);
+    };
+    (@ $head:tt {$($done:tt)*} $(#[$meta:meta])* $kind:ident $field:ident: Vec<f64>, $($rest:tt)*) => {
+        scores!(@@ $kind inner $head {$($done)* $(#[$meta])*} $field: Vec<f64>, $($rest)*);
+    };
+    (@ $head:tt {$($done:tt)*} $(#[$meta:meta])* $kind:ident $field:ident: $type:ty, $($rest:tt)*) => {
+        scores!(@@ $kind own $head {$($done)* $(#[$meta])*} $field: $type, $($rest)*);
+    };
+    (@@ fraction own $head:tt {$($done:tt)*} $field:ident: $type:ty, $($rest:tt)*) => {
+        scores!(@ $head {$($done)* #[schemars(range(min = 0.0, max = 1.0))] pub $field: $type,} $($rest)*);
+    };
+    (@@ fraction inner $head:tt {$($done:tt)*} $field:ident: $type:ty, $($rest:tt)*) => {
+        scores!(@ $head {$($done)* #[schemars(inner(range(min = 0.0, max = 1.0)))] pub $field: $type,} $($rest)*);
+    };
+    (@@ not_negative own $head:tt {$($done:tt)*} $field:ident: $type:ty, $($rest:tt)*) => {
+        scores!(@ $head {$($done)* #[schemars(range(min = 0.0))] pub $field: $type,} $($rest)*);
+    };
+    (@@ not_negative inner $head:tt {$($done:tt)*} $field:ident: $type:ty, $($rest:tt)*) => {
+        scores!(@ $head {$($done)* #[schemars(inner(range(min = 0.0)))] pub $field: $type,} $($rest)*);
+    };
+    (@ [$(#[$meta:meta])* $name:ident] {$($fields:tt)*}) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(default)]
+        pub struct $name {
+            $($fields)*
+        }
+    };
+}
+
 pub mod assignment;
 pub mod boxes;
 pub mod candidates;

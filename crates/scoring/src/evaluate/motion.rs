@@ -30,41 +30,33 @@ pub enum VelocitySource {
     Both,
 }
 
-/// Errors of displacements, velocities and accelerations.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Motion {
-    /// RMS error of the displacement in the image plane, over correct links.
-    #[schemars(range(min = 0.0))]
-    pub displacement_rms_px: Option<f64>,
-    /// Mean error of the displacement in x, over correct links.
-    pub displacement_bias_x_px: Option<f64>,
-    /// Mean error of the displacement in y, over correct links.
-    pub displacement_bias_y_px: Option<f64>,
-    /// RMS error of the displacement in z, over correct links.
-    #[schemars(range(min = 0.0))]
-    pub displacement_rms_z_um: Option<f64>,
-    /// Source of the velocities: `result` (reported by the result), `positions` (finite differences of its
-    /// positions), or `both` (finite differences where the result reports none).
-    pub velocity_from: Option<VelocitySource>,
-    /// RMS error of the in-plane velocity against the exact velocity of the flow, over matched points.
-    #[schemars(range(min = 0.0))]
-    pub velocity_rms_um_s: Option<f64>,
-    /// velocity_rms_um_s over the RMS of the true in-plane velocity.
-    #[schemars(range(min = 0.0))]
-    pub velocity_rms_relative: Option<f64>,
-    /// RMS error of the velocity in z, over matched points.
-    #[schemars(range(min = 0.0))]
-    pub velocity_rms_z_um_s: Option<f64>,
-    /// RMS error of the in-plane acceleration, from second differences of result and truth.
-    #[schemars(range(min = 0.0))]
-    pub acceleration_rms_um_s2: Option<f64>,
-    /// The same in px per frame^2; null if the time steps differ.
-    #[schemars(range(min = 0.0))]
-    pub acceleration_rms_px: Option<f64>,
-    /// RMS error of the acceleration over the RMS of the true acceleration.
-    #[schemars(range(min = 0.0))]
-    pub acceleration_rms_relative: Option<f64>,
+scores! {
+    /// Errors of displacements, velocities and accelerations.
+    pub struct Motion {
+        /// RMS error of the displacement in the image plane, over correct links.
+        not_negative displacement_rms_px: Option<f64>,
+        /// Mean error of the displacement in x, over correct links.
+        pub displacement_bias_x_px: Option<f64>,
+        /// Mean error of the displacement in y, over correct links.
+        pub displacement_bias_y_px: Option<f64>,
+        /// RMS error of the displacement in z, over correct links.
+        not_negative displacement_rms_z_um: Option<f64>,
+        /// Source of the velocities: `result` (reported by the result), `positions` (finite differences of its
+        /// positions), or `both` (finite differences where the result reports none).
+        pub velocity_from: Option<VelocitySource>,
+        /// RMS error of the in-plane velocity against the exact velocity of the flow, over matched points.
+        not_negative velocity_rms_um_s: Option<f64>,
+        /// velocity_rms_um_s over the RMS of the true in-plane velocity.
+        not_negative velocity_rms_relative: Option<f64>,
+        /// RMS error of the velocity in z, over matched points.
+        not_negative velocity_rms_z_um_s: Option<f64>,
+        /// RMS error of the in-plane acceleration, from second differences of result and truth.
+        not_negative acceleration_rms_um_s2: Option<f64>,
+        /// The same in px per frame^2; null if the time steps differ.
+        not_negative acceleration_rms_px: Option<f64>,
+        /// RMS error of the acceleration over the RMS of the true acceleration.
+        not_negative acceleration_rms_relative: Option<f64>,
+    }
 }
 
 /// Quantities whose errors are summed, in the order of [`Sums`].

@@ -3,9 +3,6 @@
 //! An axis has no sign, so angles are 0 to 90 degrees. A random guess of the axis is off by 1 rad on average:
 //! the mean of the polar angle over a hemisphere.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::matching::{Matching, NONE};
 use super::statistics::{Interval, quantile, ratio};
 use super::track_set::TrackSet;
@@ -18,39 +15,39 @@ pub(super) const UNFOUND_DEG: f64 = 90.0;
 /// Maximum number of spheroids for which the best constant axis is searched.
 const SEARCHED: usize = 2000;
 
-/// Angles between the true and found axes of spheroids, from `axis_x, axis_y, axis_z` or `alpha_rad,
-/// beta_rad` of the result.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Orientation {
-    /// Number of true spheroids.
-    pub n_true: usize,
-    /// Number of found spheroids with an axis.
-    pub n: usize,
-    /// Mean angle between true and found axes.
-    #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
-    pub mean_deg: Option<f64>,
-    /// Median angle between true and found axes.
-    #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
-    pub median_deg: Option<f64>,
-    /// Root mean square angle between true and found axes.
-    #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
-    pub rms_deg: Option<f64>,
-    /// Mean angle over all true spheroids and all ghosts. A spheroid that is found without an axis, or that
-    /// has a ghost within its gate in addition to its match, counts with the angle of a guess: the constant
-    /// axis that is closest to all true axes. Missed spheroids and ghosts count as 90 degrees.
-    #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
-    pub mean_all_deg: Option<f64>,
-    /// Mean angle between the true axes and this guess; 1 rad = 57.3 degrees if the true axes have no
-    /// preferred direction.
-    #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
-    pub guess_deg: Option<f64>,
-    /// 95 % interval of mean_deg.
-    #[schemars(inner(range(min = 0.0, max = 90.0)))]
-    pub interval_mean_deg: Interval,
-    /// 95 % interval of mean_all_deg.
-    #[schemars(inner(range(min = 0.0, max = 90.0)))]
-    pub interval_mean_all_deg: Interval,
+scores! {
+    /// Angles between the true and found axes of spheroids, from `axis_x, axis_y, axis_z` or `alpha_rad,
+    /// beta_rad` of the result.
+    pub struct Orientation {
+        /// Number of true spheroids.
+        pub n_true: usize,
+        /// Number of found spheroids with an axis.
+        pub n: usize,
+        /// Mean angle between true and found axes.
+        #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
+        pub mean_deg: Option<f64>,
+        /// Median angle between true and found axes.
+        #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
+        pub median_deg: Option<f64>,
+        /// Root mean square angle between true and found axes.
+        #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
+        pub rms_deg: Option<f64>,
+        /// Mean angle over all true spheroids and all ghosts. A spheroid that is found without an axis, or that
+        /// has a ghost within its gate in addition to its match, counts with the angle of a guess: the constant
+        /// axis that is closest to all true axes. Missed spheroids and ghosts count as 90 degrees.
+        #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
+        pub mean_all_deg: Option<f64>,
+        /// Mean angle between the true axes and this guess; 1 rad = 57.3 degrees if the true axes have no
+        /// preferred direction.
+        #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
+        pub guess_deg: Option<f64>,
+        /// 95 % interval of mean_deg.
+        #[schemars(inner(range(min = 0.0, max = 90.0)))]
+        pub interval_mean_deg: Interval,
+        /// 95 % interval of mean_all_deg.
+        #[schemars(inner(range(min = 0.0, max = 90.0)))]
+        pub interval_mean_all_deg: Interval,
+    }
 }
 
 /// The angle between two axes, degrees; `None` if one is undefined.

@@ -3,8 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::EvaluateOptions;
 use super::statistics::{Errors, quantile, ratio};
@@ -19,68 +18,56 @@ const RADIUS_BINS: usize = 8;
 const MOST_HEIGHTS: usize = 200;
 const HEIGHT_BINS: usize = 40;
 
-/// Errors of z against the heights of planes. Bias, random and RMS error are those of the points within the
-/// gate in depth, as for matched particles; quantiles are those of all points.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct PlaneScore {
-    /// Number of frames whose plane is known.
-    pub frames: usize,
-    /// Number of result points in these frames.
-    pub n: usize,
-    /// Gate in depth.
-    #[schemars(range(min = 0.0))]
-    pub gate_z_um: f64,
-    /// Number of points within the gate.
-    pub n_within: usize,
-    /// n_within / n.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub share_within: Option<f64>,
-    /// Root mean square error of z: rmse^2 = bias^2 + random^2.
-    #[schemars(range(min = 0.0))]
-    pub rmse_z_um: Option<f64>,
-    /// Mean error of z, result - height of the plane.
-    pub bias_z_um: Option<f64>,
-    /// Standard deviation of the error about its mean.
-    #[schemars(range(min = 0.0))]
-    pub random_z_um: Option<f64>,
-    /// Median distance from the plane, of all points.
-    #[schemars(range(min = 0.0))]
-    pub p50_z_um: Option<f64>,
-    /// 68 % quantile of the distance from the plane, of all points.
-    #[schemars(range(min = 0.0))]
-    pub p68_z_um: Option<f64>,
-    /// 95 % quantile of the distance from the plane, of all points.
-    #[schemars(range(min = 0.0))]
-    pub p95_z_um: Option<f64>,
-    /// The same over the height of the plane, um.
-    pub over_height: Vec<PlaneBin>,
-    /// The same over the distance from the middle of the image, px; empty if the size of the images is
-    /// unknown.
-    pub over_radius: Vec<PlaneBin>,
-}
+scores! {
+    /// Errors of z against the heights of planes. Bias, random and RMS error are those of the points within the
+    /// gate in depth, as for matched particles; quantiles are those of all points.
+    pub struct PlaneScore {
+        /// Number of frames whose plane is known.
+        pub frames: usize,
+        /// Number of result points in these frames.
+        pub n: usize,
+        /// Gate in depth.
+        not_negative gate_z_um: f64,
+        /// Number of points within the gate.
+        pub n_within: usize,
+        /// n_within / n.
+        fraction share_within: Option<f64>,
+        /// Root mean square error of z: rmse^2 = bias^2 + random^2.
+        not_negative rmse_z_um: Option<f64>,
+        /// Mean error of z, result - height of the plane.
+        pub bias_z_um: Option<f64>,
+        /// Standard deviation of the error about its mean.
+        not_negative random_z_um: Option<f64>,
+        /// Median distance from the plane, of all points.
+        not_negative p50_z_um: Option<f64>,
+        /// 68 % quantile of the distance from the plane, of all points.
+        not_negative p68_z_um: Option<f64>,
+        /// 95 % quantile of the distance from the plane, of all points.
+        not_negative p95_z_um: Option<f64>,
+        /// The same over the height of the plane, um.
+        pub over_height: Vec<PlaneBin>,
+        /// The same over the distance from the middle of the image, px; empty if the size of the images is
+        /// unknown.
+        pub over_radius: Vec<PlaneBin>,
+    }
 
-/// A bin of these errors.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct PlaneBin {
-    /// Lower end of the bin.
-    pub from: f64,
-    /// Upper end of the bin.
-    pub to: f64,
-    /// Number of points.
-    pub n: usize,
-    /// Share of the points within the gate.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub share_within: Option<f64>,
-    /// Mean error of z.
-    pub bias_z_um: Option<f64>,
-    /// Standard deviation of the error of z.
-    #[schemars(range(min = 0.0))]
-    pub random_z_um: Option<f64>,
-    /// RMS error of z.
-    #[schemars(range(min = 0.0))]
-    pub rms_z_um: Option<f64>,
+    /// A bin of these errors.
+    pub struct PlaneBin {
+        /// Lower end of the bin.
+        pub from: f64,
+        /// Upper end of the bin.
+        pub to: f64,
+        /// Number of points.
+        pub n: usize,
+        /// Share of the points within the gate.
+        fraction share_within: Option<f64>,
+        /// Mean error of z.
+        pub bias_z_um: Option<f64>,
+        /// Standard deviation of the error of z.
+        not_negative random_z_um: Option<f64>,
+        /// RMS error of z.
+        not_negative rms_z_um: Option<f64>,
+    }
 }
 
 /// A result point in a frame whose plane is known.

@@ -1,42 +1,32 @@
 //! Calibration of claimed uncertainties: coverage, ratio, and RMS error in ten classes of claimed uncertainty
 //! (Sciacchitano, Meas. Sci. Technol. 30, 092001, 2019).
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::statistics::ratio;
 
-/// Calibration of claimed standard uncertainties U (Sciacchitano, Meas. Sci. Technol. 30, 092001, 2019).
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Uncertainty {
-    /// Number of errors with a claimed uncertainty.
-    pub n: usize,
-    /// Fraction of errors with |e| <= U; 0.683 for normally distributed errors of standard deviation U.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub coverage_1s: Option<f64>,
-    /// Fraction of errors with |e| <= 2 U; 0.954 for normally distributed errors of standard deviation U.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub coverage_2s: Option<f64>,
-    /// rms(e) / rms(U): 1 if calibrated, above 1 if the claimed uncertainties are too small.
-    #[schemars(range(min = 0.0))]
-    pub ratio: Option<f64>,
-    /// Ten classes with equal numbers of errors, in ascending order of U.
-    pub bins: Vec<UncertaintyBin>,
-}
+scores! {
+    /// Calibration of claimed standard uncertainties U (Sciacchitano, Meas. Sci. Technol. 30, 092001, 2019).
+    pub struct Uncertainty {
+        /// Number of errors with a claimed uncertainty.
+        pub n: usize,
+        /// Fraction of errors with |e| <= U; 0.683 for normally distributed errors of standard deviation U.
+        fraction coverage_1s: Option<f64>,
+        /// Fraction of errors with |e| <= 2 U; 0.954 for normally distributed errors of standard deviation U.
+        fraction coverage_2s: Option<f64>,
+        /// rms(e) / rms(U): 1 if calibrated, above 1 if the claimed uncertainties are too small.
+        not_negative ratio: Option<f64>,
+        /// Ten classes with equal numbers of errors, in ascending order of U.
+        pub bins: Vec<UncertaintyBin>,
+    }
 
-/// Errors with similar claimed uncertainties.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct UncertaintyBin {
-    /// Number of errors in the class.
-    pub n: usize,
-    /// RMS of the claimed uncertainties.
-    #[schemars(range(min = 0.0))]
-    pub claimed_rms: f64,
-    /// RMS of the error.
-    #[schemars(range(min = 0.0))]
-    pub error_rms: f64,
+    /// Errors with similar claimed uncertainties.
+    pub struct UncertaintyBin {
+        /// Number of errors in the class.
+        pub n: usize,
+        /// RMS of the claimed uncertainties.
+        not_negative claimed_rms: f64,
+        /// RMS of the error.
+        not_negative error_rms: f64,
+    }
 }
 
 /// Number of classes.

@@ -2,33 +2,25 @@
 
 use std::collections::BTreeMap;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::compared::ComparedVector;
 use crate::evaluate::statistics::Errors;
 
-/// Bias and random error at each position over repeated image pairs, averaged over positions.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct EnsembleErrors {
-    /// Number of positions that have valid vectors in at least two image pairs.
-    pub n_places: usize,
-    /// Mean number of vectors at a position.
-    #[schemars(range(min = 0.0))]
-    pub mean_repeats: f64,
-    /// Mean over positions x of |b(x)|, where b(x) is the mean error of u at x.
-    #[schemars(range(min = 0.0))]
-    pub mean_abs_bias_u_px: f64,
-    /// Mean over positions x of s(x), the standard deviation of the error of u at x.
-    #[schemars(range(min = 0.0))]
-    pub mean_random_u_px: f64,
-    /// Mean of |b(x)| for v.
-    #[schemars(range(min = 0.0))]
-    pub mean_abs_bias_v_px: f64,
-    /// Mean of s(x) for v.
-    #[schemars(range(min = 0.0))]
-    pub mean_random_v_px: f64,
+scores! {
+    /// Bias and random error at each position over repeated image pairs, averaged over positions.
+    pub struct EnsembleErrors {
+        /// Number of positions that have valid vectors in at least two image pairs.
+        pub n_places: usize,
+        /// Mean number of vectors at a position.
+        not_negative mean_repeats: f64,
+        /// Mean over positions x of |b(x)|, where b(x) is the mean error of u at x.
+        not_negative mean_abs_bias_u_px: f64,
+        /// Mean over positions x of s(x), the standard deviation of the error of u at x.
+        not_negative mean_random_u_px: f64,
+        /// Mean of |b(x)| for v.
+        not_negative mean_abs_bias_v_px: f64,
+        /// Mean of s(x) for v.
+        not_negative mean_random_v_px: f64,
+    }
 }
 
 impl EnsembleErrors {

@@ -2,9 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::compared::{ComparedVector, INLIER_PX};
 use super::ensemble::EnsembleErrors;
 use super::gradients::Gradients;
@@ -19,27 +16,22 @@ use crate::results::FlowVector;
 /// Smallest displacement used as a denominator of relative errors, px.
 const FLOOR_PX: f64 = 0.1;
 
-/// Errors of one component.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct ComponentErrors {
-    /// Mean error.
-    pub bias_px: Option<f64>,
-    /// Standard deviation of the error about its mean.
-    #[schemars(range(min = 0.0))]
-    pub random_px: Option<f64>,
-    /// RMS error: rms^2 = bias^2 + random^2.
-    #[schemars(range(min = 0.0))]
-    pub rms_px: Option<f64>,
-    /// Mean absolute error, |e|.
-    #[schemars(range(min = 0.0))]
-    pub mae_px: Option<f64>,
-    /// Median absolute error.
-    #[schemars(range(min = 0.0))]
-    pub median_abs_px: Option<f64>,
-    /// 95 % quantile of the absolute error.
-    #[schemars(range(min = 0.0))]
-    pub p95_abs_px: Option<f64>,
+scores! {
+    /// Errors of one component.
+    pub struct ComponentErrors {
+        /// Mean error.
+        pub bias_px: Option<f64>,
+        /// Standard deviation of the error about its mean.
+        not_negative random_px: Option<f64>,
+        /// RMS error: rms^2 = bias^2 + random^2.
+        not_negative rms_px: Option<f64>,
+        /// Mean absolute error, |e|.
+        not_negative mae_px: Option<f64>,
+        /// Median absolute error.
+        not_negative median_abs_px: Option<f64>,
+        /// 95 % quantile of the absolute error.
+        not_negative p95_abs_px: Option<f64>,
+    }
 }
 
 impl ComponentErrors {
@@ -58,101 +50,81 @@ impl ComponentErrors {
     }
 }
 
-/// Errors against one true field, over valid vectors; inliers have an end-point error below
-/// outlier_threshold_px.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct FieldErrors {
-    /// Errors of u.
-    pub u: ComponentErrors,
-    /// Errors of v.
-    pub v: ComponentErrors,
-    /// Errors of u over inliers.
-    pub u_inliers: ComponentErrors,
-    /// Errors of v over inliers.
-    pub v_inliers: ComponentErrors,
-    /// RMS error of dz; null if the result has no dz.
-    #[schemars(range(min = 0.0))]
-    pub w_rms_um: Option<f64>,
-    /// Average end-point error (AEE): mean of |u_result - u_true|.
-    #[schemars(range(min = 0.0))]
-    pub aee_px: Option<f64>,
-    /// 100 AEE, in px per 100 px, as listed in the deep-learning PIV literature.
-    #[schemars(range(min = 0.0))]
-    pub aee_per_100px: Option<f64>,
-    /// RMS end-point error.
-    #[schemars(range(min = 0.0))]
-    pub epe_rms_px: Option<f64>,
-    /// Normalized end-point error: mean of end-point error / max(|u_true|, 0.1 px).
-    #[schemars(range(min = 0.0))]
-    pub nepe: Option<f64>,
-    /// Mean angle between (u, v, 1) of result and truth (Barron et al., IJCV 12, 1994).
-    #[schemars(range(min = 0.0))]
-    pub angular_error_deg: Option<f64>,
-    /// Threshold: a vector whose end-point error is at least this large is an outlier.
-    #[schemars(range(min = 0.0))]
-    pub outlier_threshold_px: f64,
-    /// Fraction of outliers among valid vectors.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub outlier_fraction: Option<f64>,
-    /// Fraction of all vectors with a truth that are valid and have an end-point error below 1 px.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub valid_vector_probability: Option<f64>,
-    /// The same with a threshold of 0.5 px.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub valid_vector_probability_strict: Option<f64>,
-    /// Amplitude response: slope of a linear regression of the measured u on the true u, over inliers.
-    pub modulation_u: Option<f64>,
-    /// Amplitude response of v, defined as modulation_u.
-    pub modulation_v: Option<f64>,
-    /// Fraction of vectors whose error |e_u| is at most the claimed uncertainty U.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub coverage_1s_u: Option<f64>,
-    /// Fraction of vectors with |e_u| <= 2 U.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub coverage_2s_u: Option<f64>,
-    /// coverage_1s_u over inliers.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub coverage_1s_u_inliers: Option<f64>,
-    /// Ratio of the RMS error of u to the RMS claimed uncertainty, rms(e_u) / rms(U).
-    #[schemars(range(min = 0.0))]
-    pub uncertainty_ratio_u: Option<f64>,
-    /// Calibration of claimed uncertainties.
-    pub uncertainty: VectorUncertainty,
-    /// Peak locking of u.
-    pub peak_locking: PeakLocking,
-    /// Errors of gradients.
-    pub gradients: Option<Gradients>,
-    /// Spectra along complete rows and columns.
-    pub spectra: Vec<Spectrum>,
-    /// Errors over repeated image pairs.
-    pub repeated: Option<EnsembleErrors>,
-    /// 95 % bootstrap interval of AEE, resampling squares of 32 px as for reference nodes.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_aee_px: Interval,
-    /// 95 % bootstrap interval of valid_vector_probability.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_valid_vector_probability: Interval,
-    /// 95 % bootstrap interval of u_inliers.rms_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_rms_u_inliers_px: Interval,
-    /// 95 % bootstrap interval of v_inliers.rms_px.
-    #[schemars(inner(range(min = 0.0)))]
-    pub interval_rms_v_inliers_px: Interval,
-}
+scores! {
+    /// Errors against one true field, over valid vectors; inliers have an end-point error below
+    /// outlier_threshold_px.
+    pub struct FieldErrors {
+        /// Errors of u.
+        pub u: ComponentErrors,
+        /// Errors of v.
+        pub v: ComponentErrors,
+        /// Errors of u over inliers.
+        pub u_inliers: ComponentErrors,
+        /// Errors of v over inliers.
+        pub v_inliers: ComponentErrors,
+        /// RMS error of dz; null if the result has no dz.
+        not_negative w_rms_um: Option<f64>,
+        /// Average end-point error (AEE): mean of |u_result - u_true|.
+        not_negative aee_px: Option<f64>,
+        /// 100 AEE, in px per 100 px, as listed in the deep-learning PIV literature.
+        not_negative aee_per_100px: Option<f64>,
+        /// RMS end-point error.
+        not_negative epe_rms_px: Option<f64>,
+        /// Normalized end-point error: mean of end-point error / max(|u_true|, 0.1 px).
+        not_negative nepe: Option<f64>,
+        /// Mean angle between (u, v, 1) of result and truth (Barron et al., IJCV 12, 1994).
+        not_negative angular_error_deg: Option<f64>,
+        /// Threshold: a vector whose end-point error is at least this large is an outlier.
+        not_negative outlier_threshold_px: f64,
+        /// Fraction of outliers among valid vectors.
+        fraction outlier_fraction: Option<f64>,
+        /// Fraction of all vectors with a truth that are valid and have an end-point error below 1 px.
+        fraction valid_vector_probability: Option<f64>,
+        /// The same with a threshold of 0.5 px.
+        fraction valid_vector_probability_strict: Option<f64>,
+        /// Amplitude response: slope of a linear regression of the measured u on the true u, over inliers.
+        pub modulation_u: Option<f64>,
+        /// Amplitude response of v, defined as modulation_u.
+        pub modulation_v: Option<f64>,
+        /// Fraction of vectors whose error |e_u| is at most the claimed uncertainty U.
+        fraction coverage_1s_u: Option<f64>,
+        /// Fraction of vectors with |e_u| <= 2 U.
+        fraction coverage_2s_u: Option<f64>,
+        /// coverage_1s_u over inliers.
+        fraction coverage_1s_u_inliers: Option<f64>,
+        /// Ratio of the RMS error of u to the RMS claimed uncertainty, rms(e_u) / rms(U).
+        not_negative uncertainty_ratio_u: Option<f64>,
+        /// Calibration of claimed uncertainties.
+        pub uncertainty: VectorUncertainty,
+        /// Peak locking of u.
+        pub peak_locking: PeakLocking,
+        /// Errors of gradients.
+        pub gradients: Option<Gradients>,
+        /// Spectra along complete rows and columns.
+        pub spectra: Vec<Spectrum>,
+        /// Errors over repeated image pairs.
+        pub repeated: Option<EnsembleErrors>,
+        /// 95 % bootstrap interval of AEE, resampling squares of 32 px as for reference nodes.
+        not_negative interval_aee_px: Interval,
+        /// 95 % bootstrap interval of valid_vector_probability.
+        fraction interval_valid_vector_probability: Interval,
+        /// 95 % bootstrap interval of u_inliers.rms_px.
+        not_negative interval_rms_u_inliers_px: Interval,
+        /// 95 % bootstrap interval of v_inliers.rms_px.
+        not_negative interval_rms_v_inliers_px: Interval,
+    }
 
-/// Calibration of claimed uncertainties of vectors.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct VectorUncertainty {
-    /// Calibration for u.
-    pub u: Option<Uncertainty>,
-    /// Calibration for v.
-    pub v: Option<Uncertainty>,
-    /// Calibration for u of inliers.
-    pub u_inliers: Option<Uncertainty>,
-    /// Calibration for v of inliers.
-    pub v_inliers: Option<Uncertainty>,
+    /// Calibration of claimed uncertainties of vectors.
+    pub struct VectorUncertainty {
+        /// Calibration for u.
+        pub u: Option<Uncertainty>,
+        /// Calibration for v.
+        pub v: Option<Uncertainty>,
+        /// Calibration for u of inliers.
+        pub u_inliers: Option<Uncertainty>,
+        /// Calibration for v of inliers.
+        pub v_inliers: Option<Uncertainty>,
+    }
 }
 
 impl FieldErrors {

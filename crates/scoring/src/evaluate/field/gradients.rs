@@ -1,36 +1,27 @@
 //! Errors of displacement gradients: central differences of both fields over the same neighbors.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::compared::ComparedVector;
 use super::vector_grid::VectorGrid;
 use crate::evaluate::statistics::ratio;
 
-/// RMS errors of displacement gradients, by central differences of both fields; px per px.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Gradients {
-    /// Number of vectors with four valid neighbors.
-    pub n: usize,
-    /// RMS error of dv/dx - du/dy.
-    #[schemars(range(min = 0.0))]
-    pub vorticity_rms: Option<f64>,
-    /// RMS of the true vorticity.
-    #[schemars(range(min = 0.0))]
-    pub true_vorticity_rms: Option<f64>,
-    /// RMS error of du/dx + dv/dy.
-    #[schemars(range(min = 0.0))]
-    pub divergence_rms: Option<f64>,
-    /// RMS of the true divergence.
-    #[schemars(range(min = 0.0))]
-    pub true_divergence_rms: Option<f64>,
-    /// RMS of the norm of the error of the strain tensor, sqrt(e11^2 + e22^2 + 2 e12^2).
-    #[schemars(range(min = 0.0))]
-    pub strain_rms: Option<f64>,
-    /// RMS of the norm of the true strain tensor.
-    #[schemars(range(min = 0.0))]
-    pub true_strain_rms: Option<f64>,
+scores! {
+    /// RMS errors of displacement gradients, by central differences of both fields; px per px.
+    pub struct Gradients {
+        /// Number of vectors with four valid neighbors.
+        pub n: usize,
+        /// RMS error of dv/dx - du/dy.
+        not_negative vorticity_rms: Option<f64>,
+        /// RMS of the true vorticity.
+        not_negative true_vorticity_rms: Option<f64>,
+        /// RMS error of du/dx + dv/dy.
+        not_negative divergence_rms: Option<f64>,
+        /// RMS of the true divergence.
+        not_negative true_divergence_rms: Option<f64>,
+        /// RMS of the norm of the error of the strain tensor, sqrt(e11^2 + e22^2 + 2 e12^2).
+        not_negative strain_rms: Option<f64>,
+        /// RMS of the norm of the true strain tensor.
+        not_negative true_strain_rms: Option<f64>,
+    }
 }
 
 /// du/dx, du/dy, dv/dx, dv/dy.

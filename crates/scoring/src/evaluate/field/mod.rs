@@ -21,9 +21,6 @@ mod vector_grid;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::hint::Hint;
 use super::statistics::ratio;
 use super::units::UnitScores;
@@ -46,40 +43,38 @@ const SMALL_SHARE: f64 = 0.25;
 /// Error of an interpolated truth that never matters, px: far below the noise of any image.
 const NEGLIGIBLE_PX: f64 = 1e-3;
 
-/// Scores of a displacement field: errors against the main truth at this level, against every truth under
-/// `truths`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct FieldScore {
-    /// Number of vectors in the result.
-    pub n_total: usize,
-    /// Number of valid vectors (flag 0).
-    pub n_reported: usize,
-    /// Number of interpolated vectors (flag 2).
-    pub n_interpolated: usize,
-    /// Number of valid vectors at positions without a truth.
-    pub n_outside: usize,
-    /// Number of image pairs of the dataset without vectors, if the result gives the image pair of its
-    /// vectors.
-    pub n_pairs_missing: usize,
-    /// Fraction of vectors that are valid, n_reported / n_total.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub data_yield: Option<f64>,
-    /// Depth of the plane of the true field; null for a bare table.
-    pub plane_um: Option<f64>,
-    /// The main truth: central, forward or weighted (by depth).
-    pub against: String,
-    /// Estimated RMS error of the main truth at the positions of valid vectors; 0 where it is computed from the
-    /// flow of the scenario or at nodes, null if a truth is interpolated between too few nodes for an estimate.
-    #[schemars(range(min = 0.0))]
-    pub interpolation_error_px: Option<f64>,
-    /// Scores at reference nodes, independent of the positions of the vectors in the result.
-    pub nodes: NodeErrors,
-    /// Errors against the main truth.
-    #[serde(flatten)]
-    pub main: FieldErrors,
-    /// The same keys for each true field of the dataset.
-    pub truths: BTreeMap<String, FieldErrors>,
+scores! {
+    /// Scores of a displacement field: errors against the main truth at this level, against every truth under
+    /// `truths`.
+    pub struct FieldScore {
+        /// Number of vectors in the result.
+        pub n_total: usize,
+        /// Number of valid vectors (flag 0).
+        pub n_reported: usize,
+        /// Number of interpolated vectors (flag 2).
+        pub n_interpolated: usize,
+        /// Number of valid vectors at positions without a truth.
+        pub n_outside: usize,
+        /// Number of image pairs of the dataset without vectors, if the result gives the image pair of its
+        /// vectors.
+        pub n_pairs_missing: usize,
+        /// Fraction of vectors that are valid, n_reported / n_total.
+        fraction data_yield: Option<f64>,
+        /// Depth of the plane of the true field; null for a bare table.
+        pub plane_um: Option<f64>,
+        /// The main truth: central, forward or weighted (by depth).
+        pub against: String,
+        /// Estimated RMS error of the main truth at the positions of valid vectors; 0 where it is computed from the
+        /// flow of the scenario or at nodes, null if a truth is interpolated between too few nodes for an estimate.
+        not_negative interpolation_error_px: Option<f64>,
+        /// Scores at reference nodes, independent of the positions of the vectors in the result.
+        pub nodes: NodeErrors,
+        /// Errors against the main truth.
+        #[serde(flatten)]
+        pub main: FieldErrors,
+        /// The same keys for each true field of the dataset.
+        pub truths: BTreeMap<String, FieldErrors>,
+    }
 }
 
 /// A scored displacement field.

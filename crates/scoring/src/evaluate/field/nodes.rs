@@ -14,9 +14,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::compared::INLIER_PX;
 use super::true_field::{TrueField, axis, index};
 use crate::evaluate::statistics::{Interval, intervals, ratio};
@@ -39,42 +36,35 @@ const GATE_OF_SPREAD: f64 = 0.5;
 /// Minimum gate of valid nodes, px: an error that PIV achieves in a nearly uniform flow.
 const LEAST_GATE_PX: f64 = 0.2;
 
-/// Scores at the reference nodes: the nodes of the truth at least 32 px from the border of the image, in
-/// every image pair, whether or not the result has vectors there.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct NodeErrors {
-    /// Number of reference nodes of all image pairs.
-    pub n: usize,
-    /// Fraction of reference nodes for which valid vectors give a displacement.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub covered: Option<f64>,
-    /// RMS of the true displacement about its mean over the reference nodes: the error of the best constant
-    /// field.
-    #[schemars(range(min = 0.0))]
-    pub spread_px: Option<f64>,
-    /// End-point error below which a node is valid: half of spread_px, at least 0.2 and at most 1 px.
-    #[schemars(range(min = 0.0))]
-    pub gate_px: f64,
-    /// Fraction of reference nodes at which the end-point error is below gate_px.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub valid: Option<f64>,
-    /// RMS end-point error over all reference nodes; a missing displacement and an error above 1 px count as
-    /// 1 px.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub rms_px: Option<f64>,
-    /// Amplitude response over all reference nodes: Σ d · d_true / Σ d_true², with d = 0 for a missing
-    /// displacement.
-    pub response: Option<f64>,
-    /// 95 % bootstrap interval of valid, resampling squares of 32 px (of all image pairs together, unless these are fewer
-    /// than 30).
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_valid: Interval,
-    /// 95 % bootstrap interval of rms_px.
-    #[schemars(inner(range(min = 0.0, max = 1.0)))]
-    pub interval_rms_px: Interval,
-    /// 95 % bootstrap interval of response.
-    pub interval_response: Interval,
+scores! {
+    /// Scores at the reference nodes: the nodes of the truth at least 32 px from the border of the image, in
+    /// every image pair, whether or not the result has vectors there.
+    pub struct NodeErrors {
+        /// Number of reference nodes of all image pairs.
+        pub n: usize,
+        /// Fraction of reference nodes for which valid vectors give a displacement.
+        fraction covered: Option<f64>,
+        /// RMS of the true displacement about its mean over the reference nodes: the error of the best constant
+        /// field.
+        not_negative spread_px: Option<f64>,
+        /// End-point error below which a node is valid: half of spread_px, at least 0.2 and at most 1 px.
+        not_negative gate_px: f64,
+        /// Fraction of reference nodes at which the end-point error is below gate_px.
+        fraction valid: Option<f64>,
+        /// RMS end-point error over all reference nodes; a missing displacement and an error above 1 px count as
+        /// 1 px.
+        fraction rms_px: Option<f64>,
+        /// Amplitude response over all reference nodes: Σ d · d_true / Σ d_true², with d = 0 for a missing
+        /// displacement.
+        pub response: Option<f64>,
+        /// 95 % bootstrap interval of valid, resampling squares of 32 px (of all image pairs together, unless these are fewer
+        /// than 30).
+        fraction interval_valid: Interval,
+        /// 95 % bootstrap interval of rms_px.
+        fraction interval_rms_px: Interval,
+        /// 95 % bootstrap interval of response.
+        pub interval_response: Interval,
+    }
 }
 
 /// Sums over nodes: number, covered, valid, squared errors, d · d_true, d_true².

@@ -4,35 +4,27 @@
 //! without peak locking: the count of each bin scatters by sqrt(n / 10), and the expected extremes of ten
 //! normal variates lie 1.539 standard deviations from their mean (Harter, Biometrika 48, 1961).
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::compared::{ComparedVector, INLIER_PX};
 use crate::evaluate::statistics::Errors;
 
-/// Peak locking: bias of displacements toward integer pixels.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct PeakLocking {
-    /// Histogram of the fractional part of u: number of vectors in ten bins.
-    pub histogram_u: Vec<usize>,
-    /// 1 - min / max of the histogram; null for fewer than 500 vectors.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub degree: Option<f64>,
-    /// Expected degree without peak locking, which depends only on the number of vectors.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub degree_unlocked: Option<f64>,
-    /// (degree - degree_unlocked) / (1 - degree_unlocked), at least 0.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub degree_corrected: Option<f64>,
-    /// Degree of the true u at the same positions: the contribution of the flow itself.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub degree_true: Option<f64>,
-    /// Bias of u over inliers as a function of the fractional part of the true u, 20 bins.
-    pub bias_curve_px: Vec<Option<f64>>,
-    /// Amplitude of peak locking: half the range of the bias curve.
-    #[schemars(range(min = 0.0))]
-    pub amplitude_px: Option<f64>,
+scores! {
+    /// Peak locking: bias of displacements toward integer pixels.
+    pub struct PeakLocking {
+        /// Histogram of the fractional part of u: number of vectors in ten bins.
+        pub histogram_u: Vec<usize>,
+        /// 1 - min / max of the histogram; null for fewer than 500 vectors.
+        fraction degree: Option<f64>,
+        /// Expected degree without peak locking, which depends only on the number of vectors.
+        fraction degree_unlocked: Option<f64>,
+        /// (degree - degree_unlocked) / (1 - degree_unlocked), at least 0.
+        fraction degree_corrected: Option<f64>,
+        /// Degree of the true u at the same positions: the contribution of the flow itself.
+        fraction degree_true: Option<f64>,
+        /// Bias of u over inliers as a function of the fractional part of the true u, 20 bins.
+        pub bias_curve_px: Vec<Option<f64>>,
+        /// Amplitude of peak locking: half the range of the bias curve.
+        not_negative amplitude_px: Option<f64>,
+    }
 }
 
 /// Bins of the fractional part of u.

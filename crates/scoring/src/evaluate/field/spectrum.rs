@@ -7,50 +7,40 @@
 //! field is resolved, 0 where it is not.
 
 use fourier::{Complex64, LineFft};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::compared::ComparedVector;
 use super::vector_grid::VectorGrid;
 
-/// Spectra of one component along one axis.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Spectrum {
-    /// Component of the displacement: u or v.
-    pub component: String,
-    /// Axis of the transform: x or y.
-    pub along: String,
-    /// Number of complete rows or columns that were transformed.
-    pub lines: usize,
-    /// One entry per wavelength, longest first.
-    pub waves: Vec<SpectralPoint>,
-    /// Wavelength at which the amplitude response falls below 0.8, coming from long wavelengths.
-    #[schemars(range(min = 0.0))]
-    pub wavelength_80_px: Option<f64>,
-    /// Wavelength at which the amplitude response falls below 0.5, coming from long wavelengths.
-    #[schemars(range(min = 0.0))]
-    pub wavelength_50_px: Option<f64>,
-}
+scores! {
+    /// Spectra of one component along one axis.
+    pub struct Spectrum {
+        /// Component of the displacement: u or v.
+        pub component: String,
+        /// Axis of the transform: x or y.
+        pub along: String,
+        /// Number of complete rows or columns that were transformed.
+        pub lines: usize,
+        /// One entry per wavelength, longest first.
+        pub waves: Vec<SpectralPoint>,
+        /// Wavelength at which the amplitude response falls below 0.8, coming from long wavelengths.
+        not_negative wavelength_80_px: Option<f64>,
+        /// Wavelength at which the amplitude response falls below 0.5, coming from long wavelengths.
+        not_negative wavelength_50_px: Option<f64>,
+    }
 
-/// One wavelength; power densities integrate over 1 / wavelength to the variance.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct SpectralPoint {
-    /// Wavelength.
-    #[schemars(range(min = 0.0))]
-    pub wavelength_px: f64,
-    /// Power density of the truth.
-    #[schemars(range(min = 0.0))]
-    pub true_power_px3: f64,
-    /// Power density of the result.
-    #[schemars(range(min = 0.0))]
-    pub found_power_px3: f64,
-    /// Power density of the error.
-    #[schemars(range(min = 0.0))]
-    pub error_power_px3: f64,
-    /// Re sum F_result conj F_true / sum |F_true|^2; null where its standard error exceeds 0.1.
-    pub response: Option<f64>,
+    /// One wavelength; power densities integrate over 1 / wavelength to the variance.
+    pub struct SpectralPoint {
+        /// Wavelength.
+        not_negative wavelength_px: f64,
+        /// Power density of the truth.
+        not_negative true_power_px3: f64,
+        /// Power density of the result.
+        not_negative found_power_px3: f64,
+        /// Power density of the error.
+        not_negative error_power_px3: f64,
+        /// Re sum F_result conj F_true / sum |F_true|^2; null where its standard error exceeds 0.1.
+        pub response: Option<f64>,
+    }
 }
 
 /// The response is undefined where the true power is below this fraction of its maximum: rounding and
