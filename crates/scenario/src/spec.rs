@@ -230,59 +230,47 @@ pub struct Optics {
     pub gaussian: Option<Gaussian>,
     /// Magnification M.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub magnification: Option<f64>,
     /// Numerical aperture NA; the larger it is, the faster images grow out of focus.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub numerical_aperture: Option<f64>,
     /// Focal length of the virtual spherical lens; 350 is recommended.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub focal_length: Option<f64>,
     /// Refractive index between particle and lens.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub ri_medium: Option<f64>,
     /// Refractive index of the lens.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub ri_lens: Option<f64>,
     /// Edge of a pixel on the sensor.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("minimum" = 0.05, "maximum" = 1000, "x-default" = PRESET))]
+    #[schemars(extend("minimum" = 0.05, "maximum" = 1000))]
     pub pixel_size: Option<f64>,
     /// Width of the image.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub pixel_dim_x: Option<u32>,
     /// Height of the image.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub pixel_dim_y: Option<u32>,
     /// Constant background.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub background_mean: Option<f64>,
     /// Standard deviation of the Gaussian background noise.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub background_noise: Option<f64>,
     /// Source points per pixel of a particle image; more points: less grain, more time.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub points_per_pixel: Option<f64>,
     /// Rays per source point; more rays: less grain, brighter images, more time.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub n_rays: Option<u32>,
     /// Counts per ray.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("minimum" = 0, "maximum" = 1e6, "x-default" = PRESET))]
+    #[schemars(extend("minimum" = 0, "maximum" = 1e6))]
     pub gain: Option<f64>,
     /// Focal length of the cylindrical lens; 0: no cylindrical lens.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-default" = PRESET))]
     pub cyl_focal_length: Option<f64>,
     /// Instead of `cyl_focal_length`: distance of the two focal planes in paraxial optics, i.e. the physical
     /// depth at which images are narrowest along x minus that at which they are narrowest along y; negative
@@ -327,16 +315,14 @@ pub struct Optics {
     pub layers: Option<Layers>,
 }
 
-/// Default of a setting.
-const PRESET: &str = "that of the preset";
-
-/// Units and ranges of MicroSIG's settings are those of its settings files.
+/// Defaults of MicroSIG's settings are the preset's; units and ranges are as in its settings files.
 fn units_and_ranges(schema: &mut schemars::Schema) {
     let properties = schema.get_mut("properties").and_then(Value::as_object_mut);
     for (name, site) in properties.into_iter().flatten() {
         let (Some(key), Some(site)) = (KEYS.iter().find(|key| key.name == name), site.as_object_mut()) else {
             continue;
         };
+        site.insert("x-default".to_owned(), "that of the preset".into());
         // A key of the scenario may be bounded more closely. The type of whole numbers says that they are >= 0.
         let bounds = ["minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum"];
         let of_type = key.is_whole.then(|| Value::from(0));
