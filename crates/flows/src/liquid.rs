@@ -1,4 +1,4 @@
-//! The suspending liquid: temperature, viscosity and density for diffusion, settling and acoustic forces.
+//! The suspending liquid: temperature and viscosity for diffusion and settling.
 
 use crate::error::{ParameterCheck, Result};
 
@@ -15,14 +15,12 @@ pub struct Liquid {
     pub temperature_k: f64,
     /// Dynamic viscosity, Pa s, > 0.
     pub viscosity_pa_s: f64,
-    /// Density, kg/m^3, > 0.
-    pub density_kg_m3: f64,
 }
 
 impl Default for Liquid {
     /// Water at 25 degrees Celsius.
     fn default() -> Self {
-        Liquid { temperature_k: 298.15, viscosity_pa_s: 0.89e-3, density_kg_m3: 997.05 }
+        Liquid { temperature_k: 298.15, viscosity_pa_s: 0.89e-3 }
     }
 }
 
@@ -31,13 +29,7 @@ impl Liquid {
     pub fn checked(self) -> Result<Self> {
         CHECK.positive("temperature_k", self.temperature_k)?;
         CHECK.positive("viscosity_pa_s", self.viscosity_pa_s)?;
-        CHECK.positive("density_kg_m3", self.density_kg_m3)?;
         Ok(self)
-    }
-
-    /// Kinematic viscosity, um^2/s.
-    pub fn kinematic_viscosity_um2_s(&self) -> f64 {
-        self.viscosity_pa_s / self.density_kg_m3 * 1e12
     }
 
     /// kB T / mu, um^3/s.
@@ -53,10 +45,8 @@ mod tests {
     #[test]
     fn a_liquid_needs_positive_properties() {
         let water = Liquid::default();
-        assert!((water.kinematic_viscosity_um2_s() / 0.892_634e6 - 1.0).abs() < 1e-5);
         let message = Liquid { temperature_k: -1.0, ..water }.checked().unwrap_err().to_string();
         assert_eq!(message, "liquid: temperature_k = -1: expected a finite number > 0");
         assert!(Liquid { viscosity_pa_s: 0.0, ..water }.checked().is_err());
-        assert!(Liquid { density_kg_m3: f64::NAN, ..water }.checked().is_err());
     }
 }
