@@ -1,4 +1,4 @@
-//! `score.json`: all scores of a result. Its keys are a stable interface: keys are added, never renamed.
+//! `score.json`: all scores of a result. Its keys are an interface: the changelog names every one that is renamed.
 //!
 //! The doc comments define the keys: docs/scoring.md is generated from them. `compare` checks the ranges.
 

@@ -43,7 +43,7 @@ pub fn score_keys() -> Vec<ScoreKey> {
 /// The text of docs/score_keys.md, with a section for each group of keys.
 pub fn markdown() -> String {
     let mut text = "# Keys of `score.json`\n\n\
-        Formula, unit and range of every key. New versions add keys and never rename them, and files of earlier versions \
+        Formula, unit and range of every key. The changelog names keys that are renamed; files of earlier versions \
         remain readable. Undefined scores are null. [Scoring](scoring.md) explains how they are computed.\n\n\
         This page is generated: `UPDATE_DOCS=1 cargo test -p suite scoring_keys`.\n"
         .to_owned();
