@@ -67,8 +67,11 @@ impl LogDetector {
         // Where particle images touch, they dominate the median response of this filter, less that of the finest
         // detail of the image.
         let noise = answer.noise().min(self.noise_gain() * pixel_noise(image));
+        // Noise of less than a count, which most pixels do not show, is no less than what rounding to counts adds: 1/12.
+        let is_whole = image.counts.iter().all(|count| count.fract() == 0.0);
+        let rounding = if is_whole { self.noise_gain() / 12.0f32.sqrt() } else { 0.0 };
         // Lower limit for noise-free images, above rounding errors.
-        let threshold = (ABOVE_NOISE * noise).max(1e-3);
+        let threshold = (ABOVE_NOISE * noise.max(rounding)).max(1e-3);
         let (level, _) = image.background();
         let mut found = Vec::new();
         for y in 1..h - 1 {
