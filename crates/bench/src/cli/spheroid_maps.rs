@@ -36,12 +36,18 @@ pub(super) fn table(scenario: &Scenario, aspects: &[f64], progress: &Progress) -
     }
     let of_scenario = scenario.spec.particles.spheroids.map(|spheroids| vec![spheroids.e_p]);
     let aspects = if aspects.is_empty() { of_scenario.unwrap_or(ASPECTS.to_vec()) } else { aspects.to_vec() };
-    let bounds = SpheroidBounds::new(scenario, scenario.diameters_um()[1])?;
-    let (low, high) = scenario.depth_range_um;
+    let d_um = scenario.diameters_um()[1];
+    let bounds = SpheroidBounds::new(scenario, d_um)?;
     let part = |k: u32, of: u32| f64::from(k) / f64::from(of - 1);
+    // Where a spheroid of any direction is between the ends of the depth range.
+    let z_um = |k: u32, e_p: f64| {
+        let ((low, high), radius_um) = (scenario.depth_range_um, 0.5 * d_um * e_p.max(1.0));
+        let inset_um = radius_um.min(0.5 * (high - low));
+        low + inset_um + (high - low - 2.0 * inset_um) * part(k, DEPTHS)
+    };
     let places: Vec<[f64; 3]> = (aspects.iter())
         .flat_map(|&e_p| (0..TILTS).map(move |k| (e_p, 90.0 * part(k, TILTS))))
-        .flat_map(|(e_p, tilt)| (0..DEPTHS).map(move |k| [e_p, tilt, low + (high - low) * part(k, DEPTHS)]))
+        .flat_map(|(e_p, tilt)| (0..DEPTHS).map(move |k| [e_p, tilt, z_um(k, e_p)]))
         .collect();
     let bar = progress.images(places.len() as u64);
     let found = places.into_par_iter().map(|[e_p, tilt_deg, z_um]| {
