@@ -242,11 +242,14 @@ impl Shared {
     }
 }
 
+/// Least slope of marginal rays.
+pub(super) const LEAST_SLOPE: f64 = 0.02;
+
 impl Microscope {
     /// The microscope with its values clamped to those that can be rendered.
     pub(super) fn bounded(mut self) -> Microscope {
         // NA 0.02 to 0.98.
-        self.slope = self.slope.clamp(0.02, 4.9);
+        self.slope = self.slope.clamp(LEAST_SLOPE, 4.9);
         self.focal_length_um = self.focal_length_um.clamp(15.0, 20_000.0);
         self.diameter_um = self.diameter_um.clamp(0.05, 60.0);
         self.ri_lens = self.ri_lens.max(1.05 * self.ri_medium).min(4.0);

@@ -66,12 +66,11 @@ impl LogDetector {
         let answer = laplacian(&smooth);
         // Where particle images touch, they dominate the median response of this filter, less that of the finest
         // detail of the image.
-        let noise = answer.noise().min(self.noise_gain() * pixel_noise(image));
-        // Noise of less than a count, which most pixels do not show, is no less than what rounding to counts adds: 1/12.
-        let is_whole = image.counts.iter().all(|count| count.fract() == 0.0);
-        let rounding = if is_whole { self.noise_gain() / 12.0f32.sqrt() } else { 0.0 };
+        let gain = self.noise_gain();
+        let noise = rounded_noise(image)
+            .map_or_else(|| answer.noise().min(gain * pixel_noise(image)), |noise| gain * noise);
         // Lower limit for noise-free images, above rounding errors.
-        let threshold = (ABOVE_NOISE * noise.max(rounding)).max(1e-3);
+        let threshold = (ABOVE_NOISE * noise).max(1e-3);
         let (level, _) = image.background();
         let mut found = Vec::new();
         for y in 1..h - 1 {
@@ -116,19 +115,38 @@ fn laplacian(image: &GrayImage) -> GrayImage {
     })
 }
 
-/// Standard deviation of white noise, from second differences along x of those along y (Immerkaer 1996, Comput.
-/// Vis. Image Underst. 64, 300; here with a median).
-fn pixel_noise(image: &GrayImage) -> f32 {
+/// Second differences along x of those along y: a pattern without the finest detail has none.
+fn differences(image: &GrayImage) -> GrayImage {
     let w = image.width;
-    let differences = GrayImage::from_fn((w - 2, image.height - 2), |x, y| {
+    GrayImage::from_fn((w - 2, image.height - 2), |x, y| {
         let row = |v: usize| {
             let at = v * w + x;
             image.counts[at] - 2.0 * image.counts[at + 1] + image.counts[at + 2]
         };
         row(y) - 2.0 * row(y + 1) + row(y + 2)
-    });
-    // The squares of the weights sum to 36.
-    differences.noise() / 6.0
+    })
+}
+
+/// Standard deviation of white noise over that of its [`differences`]: the squares of their weights sum to 36.
+const OF_DIFFERENCES: f32 = 1.0 / 6.0;
+
+/// Standard deviation of white noise (Immerkaer 1996, Comput. Vis. Image Underst. 64, 300; here with a median).
+fn pixel_noise(image: &GrayImage) -> f32 {
+    OF_DIFFERENCES * differences(image).noise()
+}
+
+/// Noise of less than one count in an image of whole counts, whose median tells little or nothing: most pixels do not show
+/// it. From the mean square of small differences, and no less than the error of rounding.
+fn rounded_noise(image: &GrayImage) -> Option<f32> {
+    let least = 1.0 / 12.0f32.sqrt();
+    let median = pixel_noise(image);
+    if median >= 1.0 || image.counts.iter().any(|count| count.fract() != 0.0) {
+        return None;
+    }
+    let limit = ABOVE_NOISE * median.max(least) / OF_DIFFERENCES;
+    let squares = differences(image).counts.into_iter().filter(|d| d.abs() <= limit).map(|d| d * d);
+    let (sum, n) = squares.fold((0.0, 0.0), |(sum, n), square| (sum + square, n + 1.0));
+    Some((OF_DIFFERENCES * (sum / f32::max(n, 1.0)).sqrt()).max(least))
 }
 
 /// Whether a pixel is a local maximum; of equal pixels the first one is.
@@ -145,6 +163,9 @@ fn is_maximum(image: &GrayImage, x: usize, y: usize) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::random::normal;
+    use microsig_core::stream::{Purpose, Streams};
+
     use super::*;
 
     #[test]
@@ -155,6 +176,19 @@ mod tests {
                 .contains("36 px in diameter on average over depth, and images of 3 px are searched for")
         );
         assert_eq!((defocused(2.9, 3.0), defocused(36.2, 30.0)), (None, None));
+    }
+
+    /// Before, up to 2,600 ghosts: more than half of the pixels have the same count.
+    #[test]
+    fn noise_of_less_than_a_count_makes_few_ghosts() {
+        let mut stream = Streams::new(3).stream(Purpose::Rays, 0, 0);
+        for (mean, noise) in [(100.0, 0.2), (100.2, 0.15), (100.2, 0.2), (100.3, 0.1), (100.5, 0.3)] {
+            let mut count = || (mean + noise * normal(&mut stream)).round() as f32;
+            let image =
+                GrayImage { width: 240, height: 240, counts: (0..240 * 240).map(|_| count()).collect() };
+            let found = LogDetector::new(3.0).find(&image).len();
+            assert!(found <= 25, "{mean} +- {noise}: {found}");
+        }
     }
 
     #[test]
