@@ -73,6 +73,12 @@ pub trait VelocityField: Send + Sync + Debug {
         None
     }
 
+    /// The axes (x, y, z) along which [`Self::wall`] does not change, at any time; `false` is always safe.
+    /// Measuring the fluid between such walls takes much less time.
+    fn walls_same_along(&self) -> [bool; 3] {
+        [false; 3]
+    }
+
     /// The position (um) nearest to `x` (um) at which a particle of `radius` (um) does not overlap the
     /// field's own walls at `t` (s); `x` itself, bit for bit, if it overlaps none.
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {

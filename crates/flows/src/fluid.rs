@@ -31,7 +31,7 @@ const BRIDGE_SD: f64 = 4.0;
 /// Refinement ends when the cells cut by a wall are at most this fraction of the accessible volume.
 const UNDECIDED: f64 = 1e-3;
 /// Refinement also ends after this many cells.
-const MAX_CELLS: usize = 1 << 18;
+const MAX_CELLS: f64 = 262_144.0;
 /// A cell counts as solid if its center is at least this many half diagonals inside a wall. The factor allows
 /// for clearances at curved or joined walls, which may exceed the true distance by up to this factor.
 const SOLID_DEPTH: f64 = 3.0;
@@ -190,23 +190,31 @@ impl<'a> FluidRegion<'a> {
     }
 
     fn measured_share(&self, part: &Region, t: f64, radius: f64) -> f64 {
-        let (mut free, mut cut, mut weight, mut seen) = (0.0, vec![*part], 1.0, 0);
+        let same = if self.bodies.is_empty() { self.field.walls_same_along() } else { [false; 3] };
+        // Cells with the number of equal ones, next to each other along axes along which walls are the same.
+        let (mut free, mut cut, mut weight, mut seen) = (0.0, vec![(*part, 1.0)], 1.0, 0.0);
         loop {
-            seen += 2 * cut.len();
             weight *= 0.5;
-            let (mut halves, mut parts) = (Vec::new(), 0.0);
-            for cell in cut.iter().flat_map(halved) {
-                let (room, normal) = self.room(cell.at(DVec3::splat(0.5)), t, radius);
-                let reach = 0.5 * cell.size().length();
-                if room >= reach {
-                    free += weight;
-                } else if room > -SOLID_DEPTH * reach {
-                    let depth = normal.abs().dot(cell.size());
-                    parts += weight * (0.5 + room / depth).clamp(0.0, 1.0);
-                    halves.push(cell);
+            let (mut halves, mut undecided, mut parts) = (Vec::new(), 0.0, 0.0);
+            for (cell, number) in cut {
+                seen += 2.0 * number;
+                let axis = longest(&cell);
+                let is_same = same[axis as usize];
+                let number = if is_same { 2.0 * number } else { number };
+                for cell in halved(&cell, axis).into_iter().take(if is_same { 1 } else { 2 }) {
+                    let (room, normal) = self.room(cell.at(DVec3::splat(0.5)), t, radius);
+                    let reach = 0.5 * cell.size().length();
+                    if room >= reach {
+                        free += weight * number;
+                    } else if room > -SOLID_DEPTH * reach {
+                        let depth = normal.abs().dot(cell.size());
+                        parts += weight * number * (0.5 + room / depth).clamp(0.0, 1.0);
+                        undecided += weight * number;
+                        halves.push((cell, number));
+                    }
                 }
             }
-            if halves.len() as f64 * weight <= UNDECIDED * (free + parts) || seen > MAX_CELLS {
+            if undecided <= UNDECIDED * (free + parts) || seen > MAX_CELLS {
                 let share = free + parts;
                 // Walls that coincide with faces of the box take no volume, up to rounding.
                 return if share > 1.0 - 1e-9 { 1.0 } else { share };
@@ -270,12 +278,16 @@ impl<'a> FluidRegion<'a> {
     }
 }
 
-/// The two halves of a box, split across its longest edge.
-fn halved(cell: &Region) -> [Region; 2] {
+/// The axis along which a box is longest.
+fn longest(cell: &Region) -> Axis {
     let size = cell.size();
-    let axis = Axis::ALL.into_iter().fold(Axis::X, |longest, axis| {
+    Axis::ALL.into_iter().fold(Axis::X, |longest, axis| {
         if size[axis as usize] > size[longest as usize] { axis } else { longest }
-    });
+    })
+}
+
+/// The two halves of a box, split across an axis.
+fn halved(cell: &Region, axis: Axis) -> [Region; 2] {
     let (low, high) = (cell.min()[axis as usize], cell.max()[axis as usize]);
     let middle = f64::midpoint(low, high);
     // A box too thin to be split in f64 is returned twice.

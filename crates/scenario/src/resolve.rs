@@ -46,7 +46,8 @@ pub fn resolve(mut spec: Spec, folder: &Path, context: &Context) -> Result<Scena
         return Err(Error::Problems(problems.sorted()));
     };
     warnings.dedup();
-    let Whole { imaging, motion, population, domain, depth_range_um, recordings, illumination } = whole;
+    let Whole { imaging, motion, population, domain, fluid_shares, depth_range_um, recordings, illumination } =
+        whole;
     let mut scenario = Scenario {
         license: License::find(&spec.license).unwrap_or(LICENSES[0]),
         streams: Streams::new(spec.seed),
@@ -62,7 +63,7 @@ pub fn resolve(mut spec: Spec, folder: &Path, context: &Context) -> Result<Scena
         scale: imaging.scale,
         domain,
         depth_range_um,
-        fluid_shares: KeptShares::default(),
+        fluid_shares,
         seeding: population.seeding,
         cloud: population.cloud,
         recordings,
@@ -92,6 +93,7 @@ struct Whole {
     motion: MotionSource,
     population: Population,
     domain: Domain,
+    fluid_shares: KeptShares,
     depth_range_um: (f64, f64),
     recordings: Recordings,
     illumination: Illumination,
@@ -199,15 +201,26 @@ impl Sections {
         };
         let domain = volume::domain(&mut spec.boundaries, &imaging, z_um, margin_px, &mut found.problems)?;
         let mut population = Population { cloud, seeding };
+        let fluid_shares = KeptShares::default();
         if let MotionSource::Field(field) = &motion {
-            let fluid = FluidRegion::new(field.as_ref(), &domain, &population.cloud.bodies);
+            let fluid =
+                FluidRegion::new(field.as_ref(), &domain, &population.cloud.bodies).keeping(&fluid_shares);
             let view = found.problems.of("boundaries", imaging.scale.view(z_um.0, z_um.1, 0.0))?;
             let (field, seeding) = ((field.as_ref(), &fluid), (&population.seeding, &view));
             let warnings = flow_checks::check(field, seeding, &recordings, &mut found.problems);
             found.warnings.extend(warnings);
             population.seeding = spec.particles.within_walls(population.seeding, &fluid, &view);
         }
-        Some(Whole { imaging, motion, population, domain, depth_range_um, recordings, illumination })
+        Some(Whole {
+            imaging,
+            motion,
+            population,
+            domain,
+            fluid_shares,
+            depth_range_um,
+            recordings,
+            illumination,
+        })
     }
 }
 
@@ -299,6 +312,8 @@ mod tests {
         let scenario = resolved(FIVE_LINES).unwrap();
         assert_eq!(scenario.settings, Settings::setting1());
         assert_eq!(scenario.depth_range_um, (-80.0, 20.0));
+        // What was measured of the fluid is not measured again.
+        assert!(format!("{:?}", scenario.fluid_shares).contains("Region"));
         let text = write(&scenario.spec).unwrap();
         assert_eq!(write(&resolved(&text).unwrap().spec).unwrap(), text);
     }

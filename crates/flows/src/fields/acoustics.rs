@@ -175,6 +175,10 @@ impl VelocityField for RayleighStreaming {
         Some(self.plates.wall(x).or(Wall::between(Axis::Y, self.side, self.far_side, x)))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, false, false]
+    }
+
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         self.peak
     }
@@ -245,6 +249,10 @@ impl VelocityField for Acoustophoresis {
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         Some(Wall::between(Axis::Y, self.side, self.far_side, x))
+    }
+
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, false, true]
     }
 
     fn for_diameter(&self, d_um: f64) -> Option<Arc<dyn VelocityField>> {

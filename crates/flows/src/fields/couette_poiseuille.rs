@@ -78,6 +78,10 @@ impl VelocityField for CouettePoiseuille {
         Some(self.plates.wall(x))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, true, false]
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // A parabola has its maximum at an end of the range or at its vertex.
         let (low, high) = self.plates.heights(region);

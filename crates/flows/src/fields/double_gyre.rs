@@ -90,6 +90,10 @@ impl VelocityField for DoubleGyre {
         Some(Wall::between(Axis::X, low.x, high.x, x).or(Wall::between(Axis::Y, low.y, high.y, x)))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [false, false, true]
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // Here |df/dX| = |1 + 2 e (X - 1)| is at most 1 + 2 eps |X - 1|, and the speed is at most the maximum
         // of u times this factor.

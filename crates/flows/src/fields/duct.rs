@@ -185,6 +185,10 @@ impl VelocityField for Duct {
         Some(Wall::between(Axis::Y, y0, y1, x).or(Wall::between(Axis::Z, z0, z1, x)))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, false, false]
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // The speed decreases from the axis to all sides: it is highest at the point of the box nearest to
         // the axis.

@@ -106,6 +106,10 @@ impl VelocityField for ElectroOsmotic {
         Some(self.plates.wall(x))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, true, false]
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // Plug flow (0 to the slip velocity) and back flow (0 to 3/2 of its mean) have opposite signs: the
         // larger of the two bounds the speed.

@@ -138,6 +138,10 @@ impl VelocityField for Poiseuille {
         Some(Wall::between(Axis::Z, self.floor, self.ceiling, x))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, true, false]
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // The speed decreases from the mid-plane: the fastest layer of the box is the one nearest to it.
         let fastest = 0.5_f64.clamp(self.height(region.min().z), self.height(region.max().z));

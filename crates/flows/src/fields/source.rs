@@ -166,6 +166,10 @@ impl VelocityField for Source {
         self.plates.map(|plates| plates.wall(x))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, true, self.plates.is_none()]
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         let height = self.plates.map_or(1.0, |plates| plates.greatest_parabola(region));
         let (low, high) = (self.arm(self.center + region.clearance(self.center)), region.reach(self.center));

@@ -222,6 +222,10 @@ impl VelocityField for StokesCylinder {
         Some(Wall::outside((x.truncate() - self.center).extend(0.0), self.radius))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [false, false, true]
+    }
+
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         // |u|^2 = (f/r)^2 cos^2 + f'^2 sin^2.
         self.speed.abs() * self.peak * ROUNDING_MARGIN

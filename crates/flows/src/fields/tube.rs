@@ -105,6 +105,10 @@ impl VelocityField for Tube {
         Some(Wall::inside(arm, self.radius))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, false, false]
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         let nearest = DVec3::new(0.0, self.center.x, self.center.y).clamp(region.min(), region.max());
         self.value(nearest, 0.0).x.abs() * ROUNDING_MARGIN

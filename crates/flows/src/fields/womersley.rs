@@ -260,6 +260,10 @@ impl VelocityField for Womersley {
         })
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        [true, self.axis.is_none(), false]
+    }
+
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         (self.steady.abs() * self.parabola(0.0).0 + self.amplitude.abs() * self.peak) * ROUNDING_MARGIN
     }

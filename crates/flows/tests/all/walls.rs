@@ -8,10 +8,11 @@ use flows::fields::{
 use flows::registry::ENTRIES;
 use flows::{
     Body, Boundary, Brownian, Diameters, Domain, FluidRegion, Frame, Liquid, RecordingStart, Region, Scene,
-    Seeding, VelocityField,
+    Seeding, VelocityField, Wall,
 };
 use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 const DT_S: f64 = 0.005;
 const RADIUS_UM: f64 = 1.0;
@@ -296,4 +297,56 @@ fn sound_drives_each_particle_by_its_own_diameter() {
         let step = frames[1].tracers[0].step.unwrap().actual;
         assert!((step.y / (speed * DT_S) - 1.0).abs() < 1e-3, "{d_um}: {step}");
     }
+}
+
+/// The walls of a field alone, with the number of times that they were asked for.
+#[derive(Debug)]
+struct Walls<'a> {
+    field: &'a dyn VelocityField,
+    same_along: [bool; 3],
+    calls: AtomicUsize,
+}
+
+impl VelocityField for Walls<'_> {
+    fn velocity(&self, _x: DVec3, _t: f64) -> DVec3 {
+        DVec3::ZERO
+    }
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+    fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
+        0.0
+    }
+    fn wall(&self, x: DVec3, t: f64) -> Option<Wall> {
+        self.calls.fetch_add(1, Relaxed);
+        self.field.wall(x, t)
+    }
+    fn walls_same_along(&self) -> [bool; 3] {
+        self.same_along
+    }
+}
+
+#[test]
+fn walls_that_are_the_same_along_an_axis_are_measured_once() {
+    let mut fewer = 0;
+    for (name, field) in walled() {
+        let measured = [[false; 3], field.walls_same_along()].map(|same_along| {
+            let walls = Walls { field: field.as_ref(), same_along, calls: AtomicUsize::new(0) };
+            let parts = [*wide().region(), parts()[9]];
+            let shares = parts.map(|part| {
+                let domain = Domain::new(part, [Boundary::Open; 3]);
+                let fluid = FluidRegion::new(&walls, &domain, &[]);
+                [(0.0, 0.0), (0.03, 1.0)].map(|(t, radius)| fluid.share(&part, t, radius))
+            });
+            (shares.as_flattened().to_vec(), walls.calls.into_inner())
+        });
+        let apart = measured[0].0.iter().zip(&measured[1].0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        println!("{name}: along {:?}, {:?} calls", field.walls_same_along(), [measured[0].1, measured[1].1]);
+        assert!(apart < 1e-12, "{name}: {measured:?}");
+        fewer += usize::from(measured[1].1 * 4 < measured[0].1);
+        if name == "poiseuille" {
+            assert!(measured[1].1 * 100 < measured[0].1, "{measured:?}");
+        }
+    }
+    assert!(fewer >= 12, "{fewer}");
 }

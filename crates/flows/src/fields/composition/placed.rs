@@ -105,6 +105,11 @@ impl VelocityField for Placed {
         Some(Wall { normal: self.turn * wall.normal, ..wall })
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        let is_turned = self.turn != DMat3::from_diagonal(self.turn.diagonal());
+        if is_turned { [false; 3] } else { self.inner.walls_same_along() }
+    }
+
     fn for_diameter(&self, d_um: f64) -> Option<Inner> {
         Some(Arc::new(Placed { inner: self.inner.for_diameter(d_um)?, ..*self }))
     }

@@ -96,6 +96,10 @@ impl VelocityField for Scaled {
         Some(Wall { clearance_um: wall.clearance_um * self.length, ..wall })
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        self.inner.walls_same_along()
+    }
+
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
         let inward = self.inward(x);
         let held = self.inner.confine(inward, t, radius / self.length);

@@ -73,6 +73,11 @@ impl VelocityField for Sum {
         self.0.iter().fold(None, |nearest, field| nearer(nearest, field.wall(x, t)))
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        let walled = self.0.iter().filter(|field| field.wall(DVec3::ZERO, 0.0).is_some());
+        walled.map(|field| field.walls_same_along()).fold([true; 3], |a, b| [0, 1, 2].map(|k| a[k] && b[k]))
+    }
+
     fn confine(&self, mut x: DVec3, t: f64, radius: f64) -> DVec3 {
         // A particle moved out of the walls of one field may overlap those of another.
         for _ in 0..MAX_ROUNDS {

@@ -89,6 +89,10 @@ impl VelocityField for Moving {
         self.inner.wall(self.inward(x, t), t)
     }
 
+    fn walls_same_along(&self) -> [bool; 3] {
+        self.inner.walls_same_along()
+    }
+
     fn for_diameter(&self, d_um: f64) -> Option<Inner> {
         Some(Arc::new(Moving { inner: self.inner.for_diameter(d_um)?, ..*self }))
     }
@@ -176,6 +180,10 @@ impl VelocityField for Modulated {
 
     fn wall(&self, x: DVec3, t: f64) -> Option<Wall> {
         self.inner.wall(x, t)
+    }
+
+    fn walls_same_along(&self) -> [bool; 3] {
+        self.inner.walls_same_along()
     }
 
     fn for_diameter(&self, d_um: f64) -> Option<Inner> {
