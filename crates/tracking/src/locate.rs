@@ -11,9 +11,10 @@ use super::gray_image::GrayImage;
 use super::images::ParticleImages;
 use super::job::Job;
 use super::joint_fit::{Model, fit_all};
+use super::maps::{KEPT_BYTES, MapTemplates};
 use super::output::Output;
 use super::regions;
-use super::search::Search;
+use super::search::{COARSE, Search};
 use super::sides;
 use super::templates::Templates;
 use storage::error::Result;
@@ -27,7 +28,7 @@ const ROUGH_ERROR: f32 = 0.1;
 /// The search in a frame, binned if the templates are large.
 pub(super) struct Coarse {
     /// Binned templates, of each size, at each place of the field of view.
-    templates: Vec<Vec<Templates>>,
+    templates: Vec<MapTemplates>,
     /// These places, if there are several.
     places: Option<FieldPlaces>,
     /// Whether a candidate is compared with templates of its own size alone, of many similar ones.
@@ -65,8 +66,10 @@ impl Coarse {
         let largest = radii.max().unwrap_or(0);
         // Odd, so that the particle stays at the center of a pixel.
         let bin = largest.div_ceil(SEARCH_RADIUS).max(1) / 2 * 2 + 1;
-        let binned =
-            |of_place: &Vec<Templates>| of_place.iter().map(|of_size| of_size.binned(bin, noise)).collect();
+        let binned = |of_place: &Vec<Templates>| {
+            let sizes = of_place.iter().map(|of_size| of_size.binned(bin, noise)).collect();
+            MapTemplates::new(sizes, COARSE, KEPT_BYTES / templates.len())
+        };
         Coarse { templates: templates.iter().map(binned).collect(), places, own_size: false, bin, noise }
     }
 
@@ -136,6 +139,7 @@ impl<I: ParticleImages> Locator<I> {
         let Coarse { templates, noise, bin, .. } = &self.coarse;
         let noise = noise.binned(*bin);
         templates[templates.len() / 2]
+            .sizes
             .iter()
             .filter_map(|of_size| sides::warning(of_size, noise, self.error))
             .for_each(|text| job.warn(text));

@@ -5,15 +5,15 @@ use super::acceptance::Rejections;
 use super::field_images::FieldPlaces;
 use super::fit::{ParticleFit, Residual};
 use super::gray_image::GrayImage;
+use super::maps::MapTemplates;
 use super::search::Search;
-use super::templates::Templates;
 
 /// Two particles closer than this, found by two places at the border between them, are one, px.
 const SAME_PLACE_PX: f64 = 3.0;
 
 /// Searches a binned frame with the templates of each place.
 pub(super) fn search(
-    templates: &[Vec<Templates>],
+    templates: &[MapTemplates],
     places: &FieldPlaces,
     frame: &Residual,
     bin: usize,
@@ -32,7 +32,7 @@ pub(super) fn search(
     for (place, (of_place, part)) in templates.iter().zip(boxes).enumerate() {
         let Some([left, top, right, bottom]) = part else { continue };
         let margin =
-            of_place.iter().flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius)).max();
+            of_place.sizes.iter().flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius)).max();
         let margin = 2 * margin.unwrap_or(0) + 1;
         let (left, top) = (left.saturating_sub(margin), top.saturating_sub(margin));
         let size = ((right + margin + 1).min(width) - left, (bottom + margin + 1).min(height) - top);

@@ -11,11 +11,11 @@ use microsig_core::cancel::checkpoint;
 use super::acceptance::{LEAST_BRIGHTNESS, LEAST_SIGNIFICANCE, Rejections, Verdict, verdict};
 use super::fit::{ParticleFit, Residual};
 use super::images::ParticleImages;
-use super::maps::CorrelationMaps;
+use super::maps::{CorrelationMaps, MapTemplates};
 use super::templates::Templates;
 
-/// Number of templates for which correlation maps are computed.
-const COARSE: usize = 13;
+/// Number of templates of a size for which correlation maps are computed.
+pub(super) const COARSE: usize = 13;
 
 /// A candidate is fitted if its amplitude exceeds this fraction of the minimum brightness.
 const WORTH_A_FIT: f64 = 0.5;
@@ -63,6 +63,7 @@ impl Match {
 
 /// The state of the search in a frame.
 pub(super) struct Search<'a> {
+    maps: &'a MapTemplates,
     /// Templates of each particle size.
     templates: &'a [Templates],
     /// Whether a candidate is fitted with templates of its own size alone, of many similar ones.
@@ -76,12 +77,12 @@ impl<'a> Search<'a> {
     /// Finds the particles in a background-subtracted frame with pixel weights and counts the rejected
     /// candidates.
     pub(super) fn run(
-        templates: &'a [Templates],
+        maps: &'a MapTemplates,
         own_size: bool,
         residual: Residual,
     ) -> (Vec<ParticleFit>, Rejections) {
         let (found, rejections) = (Vec::new(), Rejections::default());
-        let mut search = Search { templates, own_size, residual, found, rejections };
+        let mut search = Search { maps, templates: &maps.sizes, own_size, residual, found, rejections };
         for candidate in search.candidates() {
             search.take(candidate);
         }
@@ -91,21 +92,13 @@ impl<'a> Search<'a> {
 
     /// Local maxima of the correlation maps of a subset of the templates, the most likely first.
     fn candidates(&self) -> Vec<Candidate> {
-        let coarse: Vec<(usize, usize)> = (self.templates.iter().enumerate())
-            .flat_map(|(size, templates)| {
-                let stride = templates.len().div_ceil(COARSE).max(1);
-                (stride / 2..templates.len()).step_by(stride).map(move |template| (size, template))
-            })
-            .collect();
-        let radius = |&(size, template): &(usize, usize)| self.templates[size].get(template).radius;
-        let margin = coarse.iter().map(radius).max().unwrap_or(0);
-        let maps = CorrelationMaps::new(&self.residual, margin);
-        let (w, h) = (self.residual.image.width + 2 * margin, self.residual.image.height + 2 * margin);
+        let maps = CorrelationMaps::new(self.maps, &self.residual);
+        let ((w, h), margin) = (maps.size, self.maps.margin);
         let least = (LEAST_SIGNIFICANCE * LEAST_SIGNIFICANCE) as f32;
         let mut candidates = Vec::new();
-        for (size, template) in coarse {
+        for (k, &(size, template)) in self.maps.coarse.iter().enumerate() {
             checkpoint();
-            let map = maps.chi2_reduction(&self.templates[size], template);
+            let map = maps.chi2_reduction(k);
             for y in 0..h {
                 for x in 0..w {
                     let chi2_reduction = map[y * w + x];
@@ -251,13 +244,19 @@ impl<'a> Search<'a> {
         let r = template.radius as isize;
         let (w, h) = (self.residual.image.width as isize, self.residual.image.height as isize);
         let (mut own, mut both) = (0.0f32, 0.0f32);
+        let columns = (x - r).max(0)..(x + r + 1).min(w);
+        // A template beyond the frame.
+        if columns.is_empty() {
+            return Match::default();
+        }
         for v in (y - r).max(0)..(y + r + 1).min(h) {
-            for u in (x - r).max(0)..(x + r + 1).min(w) {
-                let i = (v * w + u) as usize;
-                let light = template.at(u - x, v - y);
-                let weighted = self.residual.weight[i] * light;
+            let pixels = (v * w + columns.start) as usize..(v * w + columns.end) as usize;
+            let data = self.residual.weight[pixels.clone()].iter().zip(&self.residual.image.counts[pixels]);
+            let row = template.row(v - y, columns.start - x..columns.end - x);
+            for (light, (weight, count)) in row.iter().zip(data) {
+                let weighted = weight * light;
                 own += weighted * light;
-                both += weighted * self.residual.image.counts[i];
+                both += weighted * count;
             }
         }
         if own > 0.0 && both > 0.0 {

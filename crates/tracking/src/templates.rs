@@ -1,6 +1,8 @@
 //! Interpolation of particle images between the pixels and depths of a stack by tensor products of cubic
 //! B-splines.
 
+use std::ops::Range;
+
 use super::denoise::PixelNoise;
 use super::gray_image::{CUBIC, GrayImage, Spline, prefilter, weights};
 use super::images::{ImagePatch, ParticleImages};
@@ -213,9 +215,10 @@ impl Template {
         Template { radius, fit_radius: (needed.unwrap_or(middle) + 2).clamp(radius, middle), image }
     }
 
-    /// The pixel at this offset from the center.
-    pub(super) fn at(&self, dx: isize, dy: isize) -> f32 {
+    /// The pixels at these offsets from the center along x, of the row at `dy`.
+    pub(super) fn row(&self, dy: isize, dx: Range<isize>) -> &[f32] {
         let middle = (self.image.width / 2) as isize;
-        self.image.counts[((middle + dy) * (2 * middle + 1) + middle + dx) as usize]
+        let first = (middle + dy) * (2 * middle + 1) + middle;
+        &self.image.counts[(first + dx.start) as usize..(first + dx.end) as usize]
     }
 }
