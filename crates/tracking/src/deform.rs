@@ -6,6 +6,8 @@
 //! are closer to the ideal interpolation (Astarita & Cardone 2005, Exp. Fluids 38, 233), at the cost of more
 //! coefficients for each pixel.
 
+use std::sync::OnceLock;
+
 use rayon::prelude::*;
 
 use super::gray_image::{CUBIC, GrayImage, mirrored, prefiltered};
@@ -21,37 +23,62 @@ pub(super) enum Degree {
     Septic,
 }
 
-/// Both images of a pair, displaced by minus and plus half of a displacement at every pixel, px.
-pub(super) fn deformed(
-    [a, b]: [&GrayImage; 2],
-    degree: Degree,
-    displacement: impl Fn(f32, f32) -> [f32; 2] + Sync,
-) -> [GrayImage; 2] {
-    match degree {
-        Degree::Cubic => resampled::<4>([a, b], &CUBIC, displacement),
-        Degree::Septic => resampled::<8>([a, b], &SEPTIC, displacement),
+/// A pair of images, and the coefficients of their cubic splines once they are needed.
+pub(super) struct Deformable<'a> {
+    pub(super) images: [&'a GrayImage; 2],
+    cubic: OnceLock<[GrayImage; 2]>,
+}
+
+impl<'a> Deformable<'a> {
+    pub(super) fn new(a: &'a GrayImage, b: &'a GrayImage) -> Self {
+        Deformable { images: [a, b], cubic: OnceLock::new() }
+    }
+
+    /// Both images, displaced by minus and plus half of a displacement at every pixel, px: `displacement` writes those of
+    /// a row.
+    pub(super) fn deformed(
+        &self,
+        degree: Degree,
+        displacement: impl Fn(f32, &mut [[f32; 2]]) + Sync,
+    ) -> [GrayImage; 2] {
+        let splines = |poles: &[f64]| self.images.map(|image| prefiltered(image, poles));
+        match degree {
+            Degree::Cubic => resampled::<4>(self.cubic.get_or_init(|| splines(&CUBIC)), displacement),
+            Degree::Septic => resampled::<8>(&splines(&SEPTIC), displacement),
+        }
     }
 }
 
 fn resampled<const TAPS: usize>(
-    images: [&GrayImage; 2],
-    poles: &[f64],
-    displacement: impl Fn(f32, f32) -> [f32; 2] + Sync,
+    splines: &[GrayImage; 2],
+    displacement: impl Fn(f32, &mut [[f32; 2]]) + Sync,
 ) -> [GrayImage; 2] {
     let weights = Weights::<TAPS>::new();
-    let splines = images.map(|image| prefiltered(image, poles));
-    let (width, height) = (images[0].width, images[0].height);
-    let mut deformed = images.map(|_| GrayImage { width, height, counts: vec![0.0; width * height] });
+    let (width, height) = (splines[0].width, splines[0].height);
+    let mut deformed = [0; 2].map(|_| GrayImage { width, height, counts: vec![0.0; width * height] });
     let [a, b] = &mut deformed;
-    let rows = a.counts.par_chunks_mut(width).zip(b.counts.par_chunks_mut(width));
-    rows.enumerate().for_each(|(y, (row_a, row_b))| {
-        for (x, (pixel_a, pixel_b)) in row_a.iter_mut().zip(row_b).enumerate() {
-            let (x, y) = (x as f32, y as f32);
-            let [dx, dy] = displacement(x, y).map(|d| 0.5 * d);
-            *pixel_a = weights.interpolated(&splines[0], x - dx, y - dy);
-            *pixel_b = weights.interpolated(&splines[1], x + dx, y + dy);
-        }
-    });
+    let rows = a.counts.par_chunks_mut(width).zip(b.counts.par_chunks_mut(width)).enumerate();
+    rows.for_each_init(
+        || vec![[0.0; 2]; width],
+        |moved, (y, (row_a, row_b))| {
+            displacement(y as f32, moved);
+            for (x, ((pixel_a, pixel_b), d)) in row_a.iter_mut().zip(row_b).zip(moved).enumerate() {
+                // The preceding pixel of a position in the first image, and the distance from it.
+                let back = d.map(|d| -0.5 * d);
+                let whole = back.map(|back| back as isize - isize::from(back < (back as isize) as f32));
+                let [wx, wy] = [0, 1].map(|axis| weights.at(back[axis] - whole[axis] as f32));
+                let (x, y) = (x as isize, y as isize);
+                *pixel_a = interpolated(&splines[0], [x + whole[0], y + whole[1]], (wx, wy));
+                // In the second image it is as far before the next pixel.
+                let reversed = |mut weights: [f32; TAPS]| {
+                    weights.reverse();
+                    weights
+                };
+                let weights = (reversed(wx), reversed(wy));
+                *pixel_b = interpolated(&splines[1], [x - whole[0] - 1, y - whole[1] - 1], weights);
+            }
+        },
+    );
     deformed
 }
 
@@ -89,30 +116,32 @@ impl<const TAPS: usize> Weights<TAPS> {
             .rev()
             .fold([0.0; TAPS], |sum, factors| std::array::from_fn(|i| sum[i] * t + factors[i]))
     }
+}
 
-    /// The value of a spline with these coefficients at a position, px from 0.
-    fn interpolated(&self, coefficients: &GrayImage, x: f32, y: f32) -> f32 {
-        let (x0, y0) = (x.floor(), y.floor());
-        let (wx, wy) = (self.at(x - x0), self.at(y - y0));
-        let before = TAPS as isize / 2 - 1;
-        let (left, top) = (x0 as isize - before, y0 as isize - before);
-        let (width, height) = (coefficients.width, coefficients.height);
-        let is_inside =
-            left >= 0 && top >= 0 && left as usize + TAPS <= width && top as usize + TAPS <= height;
-        let mut sums = [0.0f32; TAPS];
-        for (j, weight) in wy.into_iter().enumerate() {
-            let taps: [f32; TAPS] = if is_inside {
-                let first = (top as usize + j) * width + left as usize;
-                let row = &coefficients.counts[first..first + TAPS];
-                std::array::from_fn(|i| row[i])
-            } else {
-                let row = mirrored(top + j as isize, height) * width;
-                std::array::from_fn(|i| coefficients.counts[row + mirrored(left + i as isize, width)])
-            };
-            sums.iter_mut().zip(taps).for_each(|(sum, tap)| *sum += weight * tap);
+/// The value of a spline with these coefficients, by the weights of those around a position beyond a pixel.
+fn interpolated<const TAPS: usize>(
+    coefficients: &GrayImage,
+    pixel: [isize; 2],
+    (wx, wy): ([f32; TAPS], [f32; TAPS]),
+) -> f32 {
+    let [left, top] = pixel.map(|at| at - (TAPS as isize / 2 - 1));
+    let (width, height) = (coefficients.width, coefficients.height);
+    let is_inside = left >= 0 && top >= 0 && left as usize + TAPS <= width && top as usize + TAPS <= height;
+    let mut sums = [0.0f32; TAPS];
+    if is_inside {
+        let rows = coefficients.counts[top as usize * width + left as usize..].chunks(width);
+        for (weight, row) in wy.into_iter().zip(rows) {
+            sums.iter_mut().zip(&row[..TAPS]).for_each(|(sum, tap)| *sum += weight * tap);
         }
-        sums.iter().zip(wx).map(|(sum, weight)| sum * weight).sum()
+    } else {
+        for (j, weight) in wy.into_iter().enumerate() {
+            let row = mirrored(top + j as isize, height) * width;
+            for (i, sum) in sums.iter_mut().enumerate() {
+                *sum += weight * coefficients.counts[row + mirrored(left + i as isize, width)];
+            }
+        }
     }
+    sums.iter().zip(wx).map(|(sum, weight)| sum * weight).sum()
 }
 
 #[cfg(test)]
@@ -144,9 +173,11 @@ mod tests {
         let error = |degree: Degree, length: f32| {
             let wave = wave(length);
             let image = GrayImage::from_fn((60, 40), |x, y| wave(x as f32, y as f32));
-            let [a, b] = deformed([&image, &image], degree, |_, _| [0.0; 2]);
+            let deformed =
+                |by: [f32; 2]| Deformable::new(&image, &image).deformed(degree, |_, row| row.fill(by));
+            let [a, b] = deformed([0.0; 2]);
             assert!(a == b && a.counts.iter().zip(&image.counts).all(|(a, b)| (a - b).abs() < 2e-3));
-            let [a, b] = deformed([&image, &image], degree, |_, _| [0.5, 0.0]);
+            let [a, b] = deformed([0.5, 0.0]);
             let mut worst = 0.0f32;
             for (x, y) in (15..45).flat_map(|x| (12..28).map(move |y| (x, y))) {
                 let (i, x, y) = (y * 60 + x, x as f32, y as f32);

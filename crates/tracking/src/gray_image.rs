@@ -21,40 +21,34 @@ impl GrayImage {
 
     /// The image whose pixel at column `x` and row `y` is `count(x, y)`.
     pub fn from_fn((width, height): (usize, usize), count: impl Fn(usize, usize) -> f32) -> Self {
-        let counts = (0..width * height).map(|i| count(i % width, i / width)).collect();
+        let mut counts = Vec::with_capacity(width * height);
+        (0..height).for_each(|y| counts.extend((0..width).map(|x| count(x, y))));
         GrayImage { width, height, counts }
-    }
-
-    /// Median of all counts: the background level if particles cover little of the image.
-    pub(super) fn median(&self) -> f32 {
-        quantile_half(&mut self.counts.clone())
     }
 
     /// Standard deviation of the background noise, from the median absolute deviation, which is robust
     /// against bright particles.
     pub(super) fn noise(&self) -> f32 {
-        /// Ratio of standard deviation to median absolute deviation of a normal distribution.
-        const NORMAL: f32 = 1.4826;
-        let median = self.median();
-        NORMAL * quantile_half(&mut self.counts.iter().map(|c| (c - median).abs()).collect::<Vec<_>>())
+        deviation(&sorted(&self.counts))
     }
 
     /// Level and standard deviation of the background if particles may cover much of the image: bright pixels
     /// are clipped iteratively, and the statistics come from the darker half of the rest.
     pub fn background(&self) -> (f32, f32) {
-        let mut kept = self.counts.clone();
-        let (mut level, mut noise) = (self.median(), self.noise());
+        let sorted = sorted(&self.counts);
+        let mut kept = sorted.len();
+        let (mut level, mut noise) = (sorted[kept / 2], deviation(&sorted));
         for _ in 0..20 {
             let limit = level + 2.5 * noise;
-            let before = kept.len();
-            kept.retain(|c| *c <= limit);
-            level = quantile_half(&mut kept);
-            let mut below: Vec<f32> = kept.iter().filter(|c| **c < level).map(|c| level - c).collect();
-            if below.is_empty() {
+            let before = kept;
+            kept = sorted.partition_point(|c| *c <= limit).min(kept);
+            level = sorted[kept / 2];
+            let below = sorted[..kept].partition_point(|c| *c < level);
+            if below == 0 {
                 return (level, 0.0);
             }
-            noise = 1.4826 * quantile_half(&mut below);
-            if kept.len() == before {
+            noise = NORMAL * (level - sorted[below - 1 - below / 2]);
+            if kept == before {
                 break;
             }
         }
@@ -63,25 +57,31 @@ impl GrayImage {
 
     /// The image convolved with a Gaussian of this standard deviation, px; edge pixels are replicated.
     pub fn smoothed(&self, sigma_px: f32) -> GrayImage {
-        let half = (3.0 * sigma_px).ceil() as isize;
+        if self.counts.is_empty() {
+            return self.clone();
+        }
+        let half = (3.0 * sigma_px).ceil() as usize;
         let weights: Vec<f32> =
-            (-half..=half).map(|k| (-0.5 * (k as f32 / sigma_px).powi(2)).exp()).collect();
+            (0..=2 * half).map(|k| (-0.5 * ((k as f32 - half as f32) / sigma_px).powi(2)).exp()).collect();
         let sum: f32 = weights.iter().sum();
-        let along = |image: &GrayImage, (dx, dy): (isize, isize)| {
-            let (w, h) = (image.width as isize, image.height as isize);
-            GrayImage::from_fn((image.width, image.height), |x, y| {
-                let taps = weights.iter().zip(-half..=half);
-                let total: f32 = taps
-                    .map(|(weight, k)| {
-                        let x = (x as isize + k * dx).clamp(0, w - 1) as usize;
-                        let y = (y as isize + k * dy).clamp(0, h - 1) as usize;
-                        weight * image.counts[y * image.width + x]
-                    })
-                    .sum();
-                total / sum
-            })
-        };
-        along(&along(self, (1, 0)), (0, 1))
+        let (w, h) = (self.width, self.height);
+        let blank = GrayImage { counts: vec![0.0; w * h], ..*self };
+        let (mut across, mut smooth) = (blank.clone(), blank);
+        let mut line = vec![0.0; w + 2 * half];
+        for (row, out) in self.counts.chunks(w).zip(across.counts.chunks_mut(w)) {
+            line[..half].fill(row[0]);
+            line[half..half + w].copy_from_slice(row);
+            line[half + w..].fill(row[w - 1]);
+            weights.iter().enumerate().for_each(|(k, weight)| add(out, *weight, &line[k..]));
+            out.iter_mut().for_each(|value| *value /= sum);
+        }
+        for (y, out) in smooth.counts.chunks_mut(w).enumerate() {
+            for (k, weight) in weights.iter().enumerate() {
+                add(out, *weight, &across.counts[(y + k).saturating_sub(half).min(h - 1) * w..]);
+            }
+            out.iter_mut().for_each(|value| *value /= sum);
+        }
+        smooth
     }
 
     /// Means over squares of `factor` x `factor` pixels, smaller at the right and lower edges.
@@ -106,9 +106,57 @@ impl GrayImage {
     }
 }
 
-fn quantile_half(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+/// Ratio of standard deviation to median absolute deviation of a normal distribution.
+const NORMAL: f32 = 1.4826;
+
+/// Standard deviation of sorted values, from their median absolute deviation.
+fn deviation(sorted: &[f32]) -> f32 {
+    let middle = sorted.len() / 2;
+    let median = sorted[middle];
+    // The nearest half of the values: `i` of them below the median, the others from it on.
+    let below = |i: usize| if i == 0 { 0.0 } else { median - sorted[middle - i] };
+    let above = |i: usize| sorted.get(2 * middle - i).map_or(f32::INFINITY, |value| value - median);
+    let (mut low, mut high) = (0, middle);
+    while low < high {
+        let i = (low + high) / 2;
+        if below(i) < above(i) { low = i + 1 } else { high = i }
+    }
+    NORMAL * if low == 0 { below(0) } else { below(low).min(above(low - 1)) }
+}
+
+/// Values in increasing order ([`f32::total_cmp`]), by radix sort.
+fn sorted(values: &[f32]) -> Vec<f32> {
+    const BITS: u32 = 11;
+    // Integers in the same order as the numbers.
+    let key = |value: &f32| {
+        let bits = value.to_bits();
+        if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
+    };
+    let mut keys: Vec<u32> = values.iter().map(key).collect();
+    let mut ordered = vec![0; keys.len()];
+    for shift in [0, BITS, 2 * BITS] {
+        let digit = |key: u32| (key >> shift) as usize % (1 << BITS);
+        let mut places = [0; 1 << BITS];
+        keys.iter().for_each(|key| places[digit(*key)] += 1);
+        if places.contains(&keys.len()) {
+            continue;
+        }
+        let mut next = 0;
+        places.iter_mut().for_each(|place| (*place, next) = (next, next + *place));
+        for key in &keys {
+            let place = &mut places[digit(*key)];
+            ordered[*place] = *key;
+            *place += 1;
+        }
+        std::mem::swap(&mut keys, &mut ordered);
+    }
+    let value = |key: u32| f32::from_bits(if key >> 31 == 1 { key ^ 1 << 31 } else { !key });
+    keys.into_iter().map(value).collect()
+}
+
+/// Adds a weighted row to another one.
+fn add(sums: &mut [f32], weight: f32, row: &[f32]) {
+    sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
 }
 
 /// Pole of the filter that makes the coefficients of a cubic spline of pixels.
@@ -167,45 +215,64 @@ pub(super) fn mirrored(i: isize, n: usize) -> usize {
 
 /// The coefficients of the B-spline through all pixels whose filter has these poles.
 pub(super) fn prefiltered(image: &GrayImage, poles: &[f64]) -> GrayImage {
+    /// Number of rows that are filtered together, as columns of their transpose.
+    const TOGETHER: usize = 16;
     let mut coefficients = image.clone();
-    for row in coefficients.counts.chunks_mut(image.width) {
-        prefilter(row, poles);
+    let width = image.width;
+    let mut turned = vec![0.0; TOGETHER.min(image.height) * width];
+    for rows in coefficients.counts.chunks_mut(TOGETHER * width) {
+        let n = rows.len() / width;
+        let turned = &mut turned[..rows.len()];
+        rows.chunks(width).enumerate().for_each(|(i, row)| {
+            turned[i..].iter_mut().step_by(n).zip(row).for_each(|(to, from)| *to = *from);
+        });
+        filter(turned, n, poles);
+        rows.chunks_mut(width).enumerate().for_each(|(i, row)| {
+            turned[i..].iter().step_by(n).zip(row).for_each(|(from, to)| *to = *from);
+        });
     }
-    let mut column = vec![0.0; image.height];
-    for x in 0..image.width {
-        for (value, row) in column.iter_mut().zip(coefficients.counts.chunks(image.width)) {
-            *value = row[x];
-        }
-        prefilter(&mut column, poles);
-        for (value, row) in column.iter().zip(coefficients.counts.chunks_mut(image.width)) {
-            row[x] = *value;
-        }
-    }
+    filter(&mut coefficients.counts, width, poles);
     coefficients
 }
 
 /// Replaces a line of values by the coefficients of the B-spline through them, mirrored at its ends.
 pub(super) fn prefilter(line: &mut [f32], poles: &[f64]) {
+    filter(line, 1, poles);
+}
+
+/// Replaces each column of rows of `width` values by the coefficients of the B-spline through them, mirrored at its ends.
+fn filter(values: &mut [f32], width: usize, poles: &[f64]) {
     /// Powers of a pole below this are negligible.
     const NEGLIGIBLE: f64 = 1e-7;
-    let n = line.len();
-    if n < 2 {
+    if values.len() < 2 * width {
         return;
     }
+    let n = values.len() / width;
     for &pole in poles {
         let reach = (NEGLIGIBLE.ln() / pole.abs().ln()) as usize;
         let (gain, pole) = (((1.0 - pole) * (1.0 - 1.0 / pole)) as f32, pole as f32);
         // Sum over the mirrored line.
-        let first: f32 = (0..n.min(reach)).rev().fold(0.0, |sum, i| sum * pole + line[i]);
-        line[0] = first;
+        let mut first = vec![0.0; width];
+        for row in values.chunks(width).take(reach).rev() {
+            first.iter_mut().zip(row).for_each(|(sum, value)| *sum = *sum * pole + value);
+        }
+        values[..width].copy_from_slice(&first);
         for i in 1..n {
-            line[i] += pole * line[i - 1];
+            let (before, row) = values.split_at_mut(i * width);
+            add(&mut row[..width], pole, &before[(i - 1) * width..]);
         }
-        line[n - 1] = pole / (pole * pole - 1.0) * (line[n - 1] + pole * line[n - 2]);
+        let (before, last) = values.split_at_mut((n - 1) * width);
+        for (value, before) in last.iter_mut().zip(&before[(n - 2) * width..]) {
+            *value = pole / (pole * pole - 1.0) * (*value + pole * before);
+        }
         for i in (0..n - 1).rev() {
-            line[i] = pole * (line[i + 1] - line[i]);
+            let (row, after) = values.split_at_mut((i + 1) * width);
+            row[i * width..]
+                .iter_mut()
+                .zip(after)
+                .for_each(|(value, after)| *value = pole * (*after - *value));
         }
-        line.iter_mut().for_each(|value| *value *= gain);
+        values.iter_mut().for_each(|value| *value *= gain);
     }
 }
 
@@ -254,6 +321,23 @@ mod tests {
     }
 
     #[test]
+    fn statistics_of_sorted_values_are_those_of_selection() {
+        for n in [1, 2, 3, 10, 501, 1000] {
+            let value = |i: usize| (3.0 * normal(i)).mul_add(if i % 3 == 0 { 1.0 } else { 1e-3 }, -0.5);
+            let values: Vec<f32> =
+                (0..n).map(|i| if i % 7 == 0 { value(i).round() } else { value(i) }).collect();
+            let mut expected = values.clone();
+            expected.sort_by(f32::total_cmp);
+            let found = sorted(&values);
+            assert!(found.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{n}");
+            let median = expected[n / 2];
+            let mut off: Vec<f32> = values.iter().map(|value| (value - median).abs()).collect();
+            off.sort_by(f32::total_cmp);
+            assert_eq!(deviation(&found), 1.4826 * off[n / 2], "{n}");
+        }
+    }
+
+    #[test]
     fn noise_is_that_of_the_background() {
         // A uniform distribution on [0, 1] has a median absolute deviation of 1/4; a few bright pixels have
         // little effect.
@@ -262,7 +346,7 @@ mod tests {
                 (100, 100),
                 |x, y| if x + y < 10 { 1e4 } else { ((x * 37 + y * 101) % 1000) as f32 },
             );
-        assert!((image.median() - 500.0).abs() < 10.0, "{}", image.median());
+
         assert!((image.noise() - 1.4826 * 250.0).abs() < 10.0, "{}", image.noise());
     }
 }

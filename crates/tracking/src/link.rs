@@ -56,11 +56,11 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
         }
         tracks.retain(|t| frame - t.last_frame <= GAP + 1);
         let mut candidates = Vec::new();
-        let by_column = SortedByX::new(found, reach.px);
+        let strips = Strips::new(found, reach.px);
         for (row, track) in tracks.iter().enumerate() {
             let [x, y, z] = track.expected(frame);
             let first = candidates.len();
-            for column in by_column.near(x) {
+            for column in strips.near(x, y) {
                 let to = place(&found[column]);
                 let dz = (to[2] - z) / um_per_px;
                 let squared = (to[0] - x).powi(2) + (to[1] - y).powi(2) + dz * dz;
@@ -108,22 +108,28 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
     rows
 }
 
-/// Points sorted by x, so that those within reach are contiguous.
-struct SortedByX {
-    order: Vec<(f64, usize)>,
+/// Points by strips of the width of the reach and, in each, by y.
+struct Strips {
+    order: Vec<(i64, f64, usize)>,
     reach: f64,
 }
 
-impl SortedByX {
+impl Strips {
     fn new(found: &[Localization], reach: f64) -> Self {
-        let mut order: Vec<(f64, usize)> = found.iter().enumerate().map(|(i, f)| (f.x_px, i)).collect();
-        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        SortedByX { order, reach }
+        let strip = |(i, f): (usize, &Localization)| ((f.x_px / reach).floor() as i64, f.y_px, i);
+        let mut order: Vec<(i64, f64, usize)> = found.iter().enumerate().map(strip).collect();
+        order.sort_unstable_by(|a, b| (a.0.cmp(&b.0)).then(a.1.total_cmp(&b.1)));
+        Strips { order, reach }
     }
 
-    fn near(&self, x: f64) -> impl Iterator<Item = usize> + '_ {
-        let first = self.order.partition_point(|p| p.0 < x - self.reach);
-        self.order[first..].iter().take_while(move |p| p.0 <= x + self.reach).map(|p| p.1)
+    /// Indices of the points within reach of a place, and of some more.
+    fn near(&self, x: f64, y: f64) -> impl Iterator<Item = usize> + '_ {
+        let strip = (x / self.reach).floor() as i64;
+        (strip - 1..=strip + 1).flat_map(move |strip| {
+            let first = self.order.partition_point(|p| (p.0, p.1) < (strip, y - self.reach));
+            let rest = self.order[first..].iter();
+            rest.take_while(move |p| p.0 == strip && p.1 <= y + self.reach).map(|p| p.2)
+        })
     }
 }
 

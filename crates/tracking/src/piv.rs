@@ -13,7 +13,7 @@ use microsig_core::cancel::checkpoint;
 use rayon::prelude::*;
 
 use super::Method;
-use super::deform::{Degree, deformed};
+use super::deform::{Deformable, Degree};
 use super::gray_image::{GrayImage, three_points};
 use super::job::Job;
 use super::output::{DisplacementVector, Output};
@@ -88,10 +88,10 @@ pub(super) fn zeros(a: &GrayImage, _: &GrayImage) -> Vec<DisplacementVector> {
 
 /// Displacements from `a` to `b`, images of equal size; empty if they are smaller than a window.
 pub(super) fn displacements(a: &GrayImage, b: &GrayImage) -> Vec<DisplacementVector> {
-    let mut found = None;
+    let (mut found, pair) = (None, Deformable::new(a, b));
     for way in passes((a.width, a.height)) {
         let mut pass = Pass::new((a.width, a.height), way, found.as_ref());
-        pass.add(a, b);
+        pass.add(&pair);
         found = Some(pass.finished());
     }
     found.map_or_else(Vec::new, |grid| grid.vectors)
@@ -116,7 +116,7 @@ fn ensemble(job: &Job) -> Result<Output> {
         }
         let (a, b) = (job.recording.frame(first)?, job.recording.frame(first + 1)?);
         if let Some(pass) = &mut pass {
-            pass.add(&a, &b);
+            pass.add(&Deformable::new(&a, &b));
         }
         Ok(())
     })?;
@@ -154,13 +154,20 @@ impl Pass {
     }
 
     /// Adds the correlation planes of an image pair.
-    fn add(&mut self, a: &GrayImage, b: &GrayImage) {
+    fn add(&mut self, pair: &Deformable) {
         let window = self.correlation.side;
-        let (a, b) = match &self.predictor {
-            None => (Cow::Borrowed(a), Cow::Borrowed(b)),
+        let [a, b] = match &self.predictor {
+            None => pair.images.map(Cow::Borrowed),
             Some(predictor) => {
-                let [a, b] = deformed([a, b], self.degree, |x, y| predictor.at(x, y));
-                (Cow::Owned(a), Cow::Owned(b))
+                let x0 = predictor.vectors[0].at[0];
+                let places: Vec<_> = (0..pair.images[0].width)
+                    .map(|x| predictor.place(x as f32 - x0, predictor.columns))
+                    .collect();
+                let displaced = pair.deformed(self.degree, |y, row| {
+                    let across = predictor.row(y);
+                    row.iter_mut().zip(&places).for_each(|(d, place)| *d = between(&across, *place));
+                });
+                displaced.map(Cow::Owned)
             }
         };
         let (correlation, half) = (&self.correlation, 0.5 * (window as f32 - 1.0));
@@ -177,11 +184,17 @@ impl Pass {
     /// Displacements at the correlation peaks, validated.
     fn finished(mut self) -> VectorGrid {
         let window = self.correlation.side;
-        let planes = self.planes.par_chunks(window * window);
-        self.grid.vectors.par_iter_mut().zip(planes).for_each(|(vector, plane)| {
-            let [dx, dy] = self.predictor.as_ref().map_or([0.0; 2], |p| p.at(vector.at[0], vector.at[1]));
-            let [rx, ry] = peak(window, plane);
-            vector.d = [dx + rx, dy + ry];
+        let columns = self.grid.columns;
+        let planes = self.planes.par_chunks(columns * window * window);
+        self.grid.vectors.par_chunks_mut(columns).zip(planes).for_each(|(row, planes)| {
+            let predicted = self.predictor.as_ref().map(|predictor| (predictor, predictor.row(row[0].at[1])));
+            for (vector, plane) in row.iter_mut().zip(planes.chunks(window * window)) {
+                let [dx, dy] = predicted.as_ref().map_or([0.0; 2], |(p, row)| {
+                    between(row, p.place(vector.at[0] - p.vectors[0].at[0], p.columns))
+                });
+                let [rx, ry] = peak(window, plane);
+                vector.d = [dx + rx, dy + ry];
+            }
         });
         self.grid.validate();
         self.grid
@@ -203,22 +216,21 @@ impl VectorGrid {
         VectorGrid { columns, rows, window, vectors }
     }
 
-    /// Displacement at a position, interpolated bilinearly between vectors, constant outside.
-    fn at(&self, x: f32, y: f32) -> [f32; 2] {
-        let [x0, y0] = self.vectors[0].at;
-        let step = (self.window / 2) as f32;
-        let place = |offset: f32, n: usize| {
-            let t = (offset / step).clamp(0.0, (n - 1) as f32);
-            let k = (t as usize).min(n.saturating_sub(2));
-            (k, (k + 1).min(n - 1), t - k as f32)
+    /// The preceding and the next of `n` vectors at a distance (px) from the first, and the fraction of the way.
+    fn place(&self, offset: f32, n: usize) -> (usize, usize, f32) {
+        let t = (offset / (self.window / 2) as f32).clamp(0.0, (n - 1) as f32);
+        let k = (t as usize).min(n.saturating_sub(2));
+        (k, (k + 1).min(n - 1), t - k as f32)
+    }
+
+    /// Displacements at the columns of vectors at this `y`, interpolated linearly between rows, constant outside.
+    fn row(&self, y: f32) -> Vec<[f32; 2]> {
+        let (up, down, t) = self.place(y - self.vectors[0].at[1], self.rows);
+        let [up, down] = [up, down].map(|row| &self.vectors[row * self.columns..][..self.columns]);
+        let mean = |(a, b): (&DisplacementVector, &DisplacementVector)| {
+            std::array::from_fn(|axis| a.d[axis] * (1.0 - t) + b.d[axis] * t)
         };
-        let ((left, right, s), (up, down, t)) = (place(x - x0, self.columns), place(y - y0, self.rows));
-        let d = |column: usize, row: usize, axis: usize| self.vectors[row * self.columns + column].d[axis];
-        std::array::from_fn(|axis| {
-            let upper = d(left, up, axis) * (1.0 - s) + d(right, up, axis) * s;
-            let lower = d(left, down, axis) * (1.0 - s) + d(right, down, axis) * s;
-            upper * (1.0 - t) + lower * t
-        })
+        up.iter().zip(down).map(mean).collect()
     }
 
     /// Indices of the (up to eight) neighbors of a vector.
@@ -277,6 +289,11 @@ impl VectorGrid {
     }
 }
 
+/// The displacement between two vectors of a row, at a fraction of the way.
+fn between(row: &[[f32; 2]], (left, right, t): (usize, usize, f32)) -> [f32; 2] {
+    std::array::from_fn(|axis| row[left][axis] * (1.0 - t) + row[right][axis] * t)
+}
+
 fn median(values: impl Iterator<Item = f32>) -> f32 {
     let mut values: Vec<f32> = values.collect();
     let n = values.len();
@@ -294,7 +311,6 @@ struct Correlation {
 struct Scratch {
     /// Window of `a` as real part, window of `b` as imaginary part, so that one transform serves both.
     both: Vec<Complex32>,
-    product: Vec<Complex32>,
     fourier: Vec<Complex32>,
 }
 
@@ -304,8 +320,7 @@ impl Correlation {
     }
 
     fn scratch(&self) -> Scratch {
-        let zeros = vec![Complex32::default(); self.side * self.side];
-        Scratch { both: zeros.clone(), product: zeros, fourier: self.fourier.scratch() }
+        Scratch { both: vec![Complex32::default(); self.side * self.side], fourier: self.fourier.scratch() }
     }
 
     /// Adds the cross-correlation of the windows with this corner to a plane.
@@ -319,46 +334,38 @@ impl Correlation {
     ) {
         let n = self.side;
         let mean = |image: &GrayImage| {
-            let rows = (0..n).map(|y| &image.counts[(y0 + y) * image.width + x0..][..n]);
-            rows.map(|row| row.iter().sum::<f32>()).sum::<f32>() / (n * n) as f32
+            // Columns modulo 8, added independently.
+            let mut sums = [0.0f32; 8];
+            for y in y0..y0 + n {
+                for part in image.counts[y * image.width + x0..][..n].chunks(8) {
+                    sums.iter_mut().zip(part).for_each(|(sum, value)| *sum += value);
+                }
+            }
+            sums.iter().sum::<f32>() / (n * n) as f32
         };
         let (mean_a, mean_b) = (mean(a), mean(b));
         for y in 0..n {
-            let start = (y0 + y) * a.width + x0;
-            for x in 0..n {
-                scratch.both[y * n + x] =
-                    Complex32::new(a.counts[start + x] - mean_a, b.counts[start + x] - mean_b);
-            }
+            let [row_a, row_b] = [a, b].map(|image| &image.counts[(y0 + y) * a.width + x0..][..n]);
+            let counts = scratch.both[y * n..][..n].iter_mut().zip(row_a).zip(row_b);
+            counts.for_each(|((both, a), b)| *both = Complex32::new(a - mean_a, b - mean_b));
         }
         self.fourier.transform(&mut scratch.both, Direction::Forward, &mut scratch.fourier);
-        // Transforms of real windows are Hermitian: F = (H(k) + H*(-k)) / 2, G = (H(k) - H*(-k)) / 2i.
-        for v in 0..n {
-            for u in 0..n {
-                let here = scratch.both[v * n + u];
-                let there = scratch.both[(n - v) % n * n + (n - u) % n].conj();
-                let (f, g) = (here + there, (here - there) * Complex32::new(0.0, -1.0));
-                scratch.product[v * n + u] = f.conj() * g;
-            }
-        }
-        self.fourier.transform(&mut scratch.product, Direction::Backward, &mut scratch.fourier);
-        plane.iter_mut().zip(&scratch.product).for_each(|(sum, product)| *sum += product.re);
+        self.fourier.combine(&mut scratch.both, |_, [a, b]| a.conj() * b);
+        self.fourier.transform(&mut scratch.both, Direction::Backward, &mut scratch.fourier);
+        plane.iter_mut().zip(&scratch.both).for_each(|(sum, both)| *sum += both.re);
     }
 }
 
-/// Displacement at the correlation peak of a plane of side `n`, px.
+/// Displacement at the correlation peak of a plane of side `n`, px, to a fraction of a pixel. Shifts beyond a third of the
+/// window are excluded: too few particles would be in both windows.
 fn peak(n: usize, plane: &[f32]) -> [f32; 2] {
-    highest(n, |dx, dy| {
-        let wrap = |d: isize| d.rem_euclid(n as isize) as usize;
-        // Correct for the overlap of the windows, which decreases with the shift (Westerweel 1997).
-        let shared = |d: isize| 1.0 - d.unsigned_abs() as f32 / n as f32;
-        plane[wrap(dy) * n + wrap(dx)] / (shared(dx) * shared(dy))
-    })
-}
-
-/// Sub-pixel position of the maximum of a correlation plane of side `n`. Shifts beyond a third of the window
-/// are excluded: too few particles would be in both windows.
-fn highest(n: usize, value: impl Fn(isize, isize) -> f32) -> [f32; 2] {
     let reach = (n / 3) as isize;
+    // Correct for the overlap of the windows, which decreases with the shift (Westerweel 1997).
+    let shared: Vec<f32> = (0..=reach).map(|d| 1.0 - d as f32 / n as f32).collect();
+    let value = |dx: isize, dy: isize| {
+        let wrapped = |d: isize| if d < 0 { n.wrapping_add_signed(d) } else { d as usize };
+        plane[wrapped(dy) * n + wrapped(dx)] / (shared[dx.unsigned_abs()] * shared[dy.unsigned_abs()])
+    };
     let mut best = (f32::NEG_INFINITY, 0, 0);
     let mut least = f32::INFINITY;
     for dy in -reach..=reach {
@@ -374,10 +381,13 @@ fn highest(n: usize, value: impl Fn(isize, isize) -> f32) -> [f32; 2] {
     // The Gaussian fit needs positive values; a peak at the limit of the search is not refined.
     let level = |x: isize, y: isize| (value(x, y) - least).max(f32::MIN_POSITIVE);
     let inside = dx.abs() < reach && dy.abs() < reach;
-    let fine = |low: f32, high: f32| if inside { three_points(low, level(dx, dy), high) } else { 0.0 };
+    if !inside {
+        return [dx as f32, dy as f32];
+    }
+    let middle = level(dx, dy);
     [
-        dx as f32 + fine(level(dx - 1, dy), level(dx + 1, dy)),
-        dy as f32 + fine(level(dx, dy - 1), level(dx, dy + 1)),
+        dx as f32 + three_points(level(dx - 1, dy), middle, level(dx + 1, dy)),
+        dy as f32 + three_points(level(dx, dy - 1), middle, level(dx, dy + 1)),
     ]
 }
 
@@ -480,7 +490,7 @@ mod tests {
         let mut found: Option<VectorGrid> = None;
         for way in passes(size) {
             let mut pass = Pass::new(size, way, found.as_ref());
-            pairs.iter().for_each(|(a, b)| pass.add(a, b));
+            pairs.iter().for_each(|(a, b)| pass.add(&Deformable::new(a, b)));
             found = Some(pass.finished());
         }
         let share_off = |vectors: &[DisplacementVector]| {

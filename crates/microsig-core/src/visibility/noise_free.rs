@@ -100,7 +100,9 @@ impl NoiseFree {
         let (renderer, factor) = self.source(part);
         let Some(patch) = renderer.mean_patch(part) else { return Patch::default() };
         let (window, mut values) = (patch.window, patch.counts);
-        values.iter_mut().for_each(|light| *light *= factor);
+        if factor != 1.0 {
+            values.iter_mut().for_each(|light| *light *= factor);
+        }
         // Pixels are counted from 0 here, from 1 in MicroSIG.
         Patch { corner: ((window.x0 - 1) as usize, (window.y0 - 1) as usize), width: window.width, values }
     }
