@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -156,9 +157,10 @@ class Stream:
         whole image is rendered, which takes longer.
         :param vary: distributions by path of the scenario: :func:`uniform`, :func:`log_uniform`, :func:`integers`,
         :func:`choice`. Varying light, noise and particle numbers costs almost nothing; other keys require the scenario to be
-        resolved again for each sample, and new optics require new tables: with ``render.mode`` ``expected`` or ``waves``, or
-        the label ``clean``, about a second per sample instead of a fraction of a millisecond, with ``rays`` less than a tenth
-        of that. For a :func:`choice` among up to 8 optics, tables are computed once.
+        resolved again for each sample, about a millisecond. Noise-free images (``render.mode`` ``expected`` or ``waves``, and
+        labels that need them) by new optics require new tables, about a second per sample, and a warning names the keys;
+        ``set={"render.images": "single"}`` computes each image for itself instead. For up to 8 different optics, tables are
+        computed once.
         :param seed: seed of the stream, 0 to 2^64 - 1; that of the scenario is ignored
         :param set: values by path that are the same in all samples
         :param labels: of ``boxes, shapes, instances, heatmap, depth, flow, clean`` (``particles`` are always there)
@@ -216,6 +218,8 @@ class Stream:
         self._position = 0
         self._process = -1
         self._start()
+        if warning := self._samples.warning():
+            warnings.warn(warning, stacklevel=2)
         # One batch more than are computed ahead: the one in progress counts twice.
         arguments = f"batch = {batch}, ahead = {ahead}, particles = {particles}"
         self._samples.check_memory(arguments, batch, ahead + 1)

@@ -9,7 +9,6 @@ use dataset::manifest::Manifest;
 use generator::runner::{DatasetPlace, GenerateOptions, MemoryDataset};
 use microsig_core::KEYS;
 use microsig_core::formats::tiff;
-use microsig_core::render::Context;
 use microsig_core::sensor::Counts;
 use numpy::ndarray::{ArrayView3, IntoDimension};
 use numpy::{Element, PyArray1, PyArray3, PyArrayMethods};
@@ -21,6 +20,7 @@ use scenario::{self, Assignment, Scenario};
 use crate::columns::{arrays, table};
 use crate::object::Object;
 use crate::run::{OnInterrupt, Show, raise, run};
+use crate::tables;
 
 /// A table: its path in a dataset, what a row is, units and meanings by column, values by column.
 type PyTable<'py> = (String, String, Bound<'py, PyDict>, Bound<'py, PyDict>);
@@ -54,7 +54,7 @@ impl ScenarioText {
             (&self.name, &self.folder),
             &self.assignments(),
             self.seed,
-            &Context::default(),
+            &tables::context(),
         )
     }
 }
@@ -267,7 +267,7 @@ fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<Object> {
 #[pyfunction]
 fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(Object, String, Bound<'py, PyDict>)> {
     let scenario =
-        run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset, &Context::default()))?.0;
+        run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset, &tables::context()))?.0;
     let (spec, ron) = written(&scenario).map_err(raise)?;
     Ok((spec, ron, settings(py, &scenario)?))
 }

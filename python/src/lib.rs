@@ -14,6 +14,7 @@ mod render;
 mod run;
 mod scores;
 mod stream;
+mod tables;
 mod verbs;
 
 use pyo3::prelude::*;

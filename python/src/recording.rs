@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use fit::StagePositions;
 use import::{ImportOptions, import};
-use microsig_core::render::Context;
 use pyo3::prelude::*;
 
 use crate::columns::ranges;
 use crate::run::{OnInterrupt, Show, run};
+use crate::tables;
 
 /// Options of an import; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
@@ -66,7 +66,7 @@ fn import_recording(py: Python<'_>, out: PathBuf, how: How, show: Show<'_>) -> P
             copy: how.copy,
             force: how.force,
             progress: progress.clone(),
-            context: Context::default(),
+            context: tables::context(),
         };
         import(&out, &options)
     })?;

@@ -15,6 +15,7 @@ use pyo3::prelude::*;
 
 use crate::dataset::array;
 use crate::run::{OnInterrupt, raise, run};
+use crate::tables;
 
 /// An image of particles, (rows, columns), and warnings about it. `settings` is the text of a settings file,
 /// which `name` is in messages; `rows` are those of a data file.
@@ -45,7 +46,9 @@ fn render<'py>(
     let (image, warnings) = run(py, false, OnInterrupt::Leave, move |_| {
         let read = settings_file::read(settings.as_bytes(), &name)?;
         let exposed = (rounding, format);
-        let (image, more) = render_particles(&read.settings, renderer, &particles, (seed, frame), exposed)?;
+        let (random, context) = ((seed, frame), tables::context());
+        let (image, more) =
+            render_particles(&read.settings, renderer, &particles, random, exposed, &context)?;
         Ok((image, read.warnings.into_iter().chain(more).collect()))
     })?;
     let size = [image.height as usize, image.width as usize];

@@ -7,7 +7,6 @@ use arena::report;
 use bench::cli::{Variants, variant};
 use dataset::Columns;
 use generator::runner::DatasetPlace;
-use microsig_core::render::Context;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -21,6 +20,7 @@ use crate::columns::{self, arrays, columns};
 use crate::dataset::{Made, Place};
 use crate::object::Object;
 use crate::run::{OnInterrupt, Show, raise, run};
+use crate::tables;
 
 /// Options of scoring; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
@@ -87,7 +87,7 @@ impl How {
             auto_offset: self.auto_offset,
             crlb: self.crlb,
             seed: self.seed,
-            context: Context::default(),
+            context: tables::context(),
         })
     }
 }
@@ -223,7 +223,7 @@ fn track<'py>(
             ensemble,
             shape: if spheroids { ParticleShape::Spheroid { aspect } } else { ParticleShape::Sphere },
             progress: progress.clone(),
-            context: Context::default(),
+            context: tables::context(),
         };
         result(&dataset, &options)
     })?;
@@ -267,7 +267,7 @@ impl SweepCases {
         let case = case.ok_or_else(|| PyIndexError::new_err(format!("case {index} does not exist")))?;
         let spec = self.sweep.scenario(case).map_err(raise)?;
         let inputs = self.inputs.clone();
-        Made::of(py, false.into(), move || resolve(spec, &inputs, &Context::default()))
+        Made::of(py, false.into(), move || resolve(spec, &inputs, &tables::context()))
     }
 }
 

@@ -104,6 +104,11 @@ impl Samples {
         Ok(Samples(Arc::new(stream)))
     }
 
+    /// What slows the stream down.
+    fn warning(&self) -> Option<&str> {
+        self.0.warning()
+    }
+
     /// Rows and columns of the images.
     fn size(&self) -> (u32, u32) {
         let (width, height) = self.0.size_px();

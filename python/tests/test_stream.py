@@ -13,6 +13,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import warnings
 
 import microsig as ms
 import numpy as np
@@ -51,6 +52,16 @@ def test_a_choice_may_be_the_default_of_a_key():
     for index in range(12):
         dataset = ms.generate(drawn.scenario(index))
         np.testing.assert_array_equal(drawn[index]["image"], dataset.images[:2])
+
+
+def test_keys_that_need_new_tables_are_named():
+    varied = {"optics.numerical_aperture": ms.uniform(0.28, 0.32)}
+    with pytest.warns(UserWarning, match=r"vary optics\.numerical_aperture: .*render\.images: single"):
+        ms.Stream("ml_default", crop=(32, 32), vary=varied, set={"render.mode": "expected"})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        single = {"render.mode": "expected", "render.images": "single"}
+        ms.Stream("ml_default", crop=(32, 32), vary=varied, set=single)
 
 
 def test_samples_are_the_beginnings_of_datasets():

@@ -43,7 +43,7 @@ pub use language::schema::{Entry, Schema, ValueKind, nearest};
 pub use language::text::number;
 pub use language::write::ron;
 pub use language::write::{compact, write};
-pub use load::{Assignment, SCENARIO, build, load, load_text, of_dataset, parse, set};
+pub use load::{Assignment, Parsed, SCENARIO, build, load, load_text, of_dataset, parse, set};
 pub use motion::MotionSource;
 pub use optics::sensor;
 pub use recordings::Recordings;

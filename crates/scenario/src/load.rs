@@ -1,7 +1,7 @@
 //! Reads scenario files.
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -87,21 +87,59 @@ pub fn load(
 /// [`load`] for a text, with its name in messages and the folder that paths in it are relative to.
 pub fn load_text(
     text: &str,
-    (name, folder): (&str, &Path),
+    place: (&str, &Path),
     assignments: &[Assignment],
     seed: Option<u64>,
     context: &Context,
 ) -> Result<Scenario> {
-    let source = Arc::new(Source::file(name, text));
-    let (mut tree, mut problems) = (tree(&source)?, Problems::default());
-    for Assignment { path, value } in assignments {
-        match assigned(scenario(), path, value).and_then(|value| graft(tree.clone(), scenario(), path, value))
-        {
-            Ok(changed) => tree = changed,
-            Err(problem) => problems.push(problem),
-        }
+    Parsed::new(text, place)?.resolve(assignments, seed, context)
+}
+
+/// A scenario's text as a tree, from which scenarios with other values are resolved.
+#[derive(Debug)]
+pub struct Parsed {
+    tree: Node,
+    folder: PathBuf,
+}
+
+impl Parsed {
+    /// Parses a text with its name in messages and the folder that paths in it are relative to.
+    ///
+    /// # Errors
+    /// [`Error::Problems`] with the first error of syntax.
+    pub fn new(text: &str, (name, folder): (&str, &Path)) -> Result<Self> {
+        Ok(Parsed { tree: tree(&Arc::new(Source::file(name, text)))?, folder: folder.to_owned() })
     }
-    let spec = typed::<Spec>(scenario(), &tree, &mut problems);
+
+    /// [`load`] of this text.
+    ///
+    /// # Errors
+    /// As for [`load`].
+    pub fn resolve(
+        &self,
+        assignments: &[Assignment],
+        seed: Option<u64>,
+        context: &Context,
+    ) -> Result<Scenario> {
+        let (mut tree, mut problems) = (self.tree.clone(), Problems::default());
+        for Assignment { path, value } in assignments {
+            match assigned(scenario(), path, value)
+                .and_then(|value| graft(tree.clone(), scenario(), path, value))
+            {
+                Ok(changed) => tree = changed,
+                Err(problem) => problems.push(problem),
+            }
+        }
+        resolve_tree(&tree, problems, (&self.folder, seed, context))
+    }
+}
+
+fn resolve_tree(
+    tree: &Node,
+    mut problems: Problems,
+    (folder, seed, context): (&Path, Option<u64>, &Context),
+) -> Result<Scenario> {
+    let spec = typed::<Spec>(scenario(), tree, &mut problems);
     // Without a value that was to be assigned, other values may only seem to be wrong.
     let is_assigned = |problem: &Problem| problem.place.as_ref().is_some_and(|place| !place.source.is_file);
     let Some(mut spec) = spec.filter(|_| !problems.0.iter().any(is_assigned)) else {

@@ -41,6 +41,27 @@ pub struct Render {
         example = DEFAULT_TOLERANCE
     )]
     pub tolerance: Option<f64>,
+    /// For noise-free images, those of `expected` and `waves`: how each is computed.
+    #[serde(skip_serializing_if = "Images::is_tables")]
+    #[schemars(extend("x-default" = "`tables`"))]
+    pub images: Images,
+}
+
+/// How noise-free images are computed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Images {
+    /// From tables over depth and size, verified to meet the tolerance: for many images by the same optics.
+    #[default]
+    Tables,
+    /// Each for itself at its own depth, without verification: for training streams in which optics or sizes vary.
+    Single,
+}
+
+impl Images {
+    fn is_tables(&self) -> bool {
+        *self == Images::Tables
+    }
 }
 
 /// A renderer.

@@ -28,7 +28,7 @@ pub use super::particles::{
     Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
     Placement, Settling, Spheroids,
 };
-pub use super::rendering::{Render, RenderMode};
+pub use super::rendering::{Images, Render, RenderMode};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthColumns, TruthGrid, Weighting};
 pub use microsig_core::optics::FieldOptics;
@@ -138,7 +138,9 @@ impl Spec {
             (None, RenderMode::Waves) => RenderMethod::Waves { optics: self.wave_optics(), tolerance },
         };
         let (blur_um, field) = (self.optics.blur_um, self.optics.field);
-        RendererSpec::from(method).through(blur_um.unwrap_or_default(), field.unwrap_or_default())
+        RendererSpec::from(method)
+            .through(blur_um.unwrap_or_default(), field.unwrap_or_default())
+            .with_single_images(self.render.images == Images::Single)
     }
 
     /// Factor by which a cylindrical lens before the camera stretches images, and the azimuth (degrees, from

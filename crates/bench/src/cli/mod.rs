@@ -206,7 +206,7 @@ impl Cli {
         })?;
         let folder = if verb.keeps_tables() { TableFolder::of_user()? } else { None };
         let tables = Tables::new(folder, output::progress(common));
-        common.context = Context { tables: Some(Arc::new(tables)) };
+        common.context = Context { tables: Some(Arc::new(tables)), ..Context::default() };
         verb.run(common)
     }
 

@@ -221,9 +221,10 @@ pub fn render_particles(
     particles: &[Particle],
     (seed, frame): (u64, u32),
     (rounding, format): (NoiseRounding, ImageFormat),
+    context: &Context,
 ) -> Result<(Image, Vec<String>)> {
     let sensor = Sensor::new(settings).with_rounding(rounding).with_format(format);
-    let camera = Camera::new(renderer.build(settings, &Context::default())?, sensor, Streams::new(seed));
+    let camera = Camera::new(renderer.build(settings, context)?, sensor, Streams::new(seed));
     let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
     limit(check_particles(particles, &camera, "particles")?, &mut warnings);
     let image = camera.image(particles, frame);

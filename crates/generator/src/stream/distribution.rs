@@ -89,6 +89,15 @@ impl Distribution {
         }
     }
 
+    /// Number of values.
+    pub(super) fn count(&self) -> u64 {
+        match self {
+            Distribution::Uniform { .. } | Distribution::LogUniform { .. } => u64::MAX,
+            Distribution::Integers { low, high } => high.abs_diff(*low).saturating_add(1),
+            Distribution::Choice(values) => values.len() as u64,
+        }
+    }
+
     /// The value for a sample; it depends only on the sample's seed and the path of the key.
     pub fn draw(&self, seed: u64, path: &str) -> Drawn {
         let address = fnv(path);

@@ -5,6 +5,7 @@ use flows::eulerian::{central, forward};
 use flows::scale::ImagePoint;
 use glam::DVec3;
 use microsig_core::Spheroid;
+use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::sensor::Sensor;
 use rayon::prelude::*;
 
@@ -71,6 +72,13 @@ impl LabelOptions {
     /// Whether images of single particles are needed.
     pub(super) fn needs_single_images(&self) -> bool {
         self.boxes || self.instances || self.depth
+    }
+
+    /// Whether samples of a scenario need tables of images.
+    pub(super) fn needs_tables(&self, scenario: &Scenario) -> Result<bool> {
+        let noise_free = self.clean || self.needs_single_images();
+        let limit = || scenario.without_ray_noise(DEFAULT_TOLERANCE);
+        Ok(scenario.renderer.needs_tables() || noise_free && limit()?.needs_tables())
     }
 
     /// Checks the options for a scenario and a number of frames.

@@ -21,8 +21,8 @@ pub use distribution::{Distribution, Drawn};
 pub use labels::{Flow, LabelOptions, PARTICLE_COLUMNS, Sample};
 use microsig_core::render::Context;
 use microsig_core::sensor::ImageFormat;
-use sampler::Sampler;
-use scenario::{Assignment, Scenario, load_text};
+use sampler::{Key, MAX_OPTICS, Sampler};
+use scenario::{Assignment, Parsed, Scenario};
 use storage::error::{Error, Result};
 pub use window::Window;
 
@@ -66,7 +66,10 @@ pub struct StreamOptions {
 #[derive(Debug)]
 pub struct SampleStream {
     options: StreamOptions,
+    parsed: Parsed,
+    context: Context,
     sampler: Sampler,
+    warning: Option<String>,
     image_px: (u32, u32),
     size_px: (u32, u32),
     /// Memory of a sample in a batch, bytes.
@@ -94,7 +97,10 @@ impl SampleStream {
             }
         }
         let mut stream = SampleStream {
+            parsed: Parsed::new(&options.text, (&options.name, &options.folder))?,
             options,
+            context: Context::default(),
+            warning: None,
             sampler: Sampler::default(),
             image_px: (0, 0),
             size_px: (0, 0),
@@ -124,9 +130,12 @@ impl SampleStream {
             )));
         }
         stream.options.labels.check(&base, stream.options.frames)?;
+        let mut of_new_optics: Vec<&str> = Vec::new();
         for (path, distribution) in &stream.options.vary {
+            let mut optics = Vec::new();
             for end in distribution.ends() {
                 let found = stream.with(0, Some((path, &end)))?;
+                optics.push(Key::of(&found));
                 let size_px = (found.settings.pixel_dim_x, found.settings.pixel_dim_y);
                 if size_px != stream.image_px {
                     return Err(Error::input(format!(
@@ -134,6 +143,17 @@ impl SampleStream {
                     )));
                 }
             }
+            let differ = optics.iter().any(|of_end| *of_end != optics[0]);
+            if differ && distribution.count() > MAX_OPTICS as u64 {
+                of_new_optics.push(path);
+            }
+        }
+        if !of_new_optics.is_empty() && stream.options.labels.needs_tables(&base)? {
+            stream.warning = Some(format!(
+                "vary {}: each sample needs new tables of images, which takes most of its time; `render.images: single` \
+                 computes its images one by one instead",
+                of_new_optics.join(", ")
+            ));
         }
         // Computes the tables of optics that all samples share.
         stream.sample_bytes = stream.sample(0)?.bytes(stream.options.rows);
@@ -143,6 +163,11 @@ impl SampleStream {
     /// The options of the stream.
     pub fn options(&self) -> &StreamOptions {
         &self.options
+    }
+
+    /// What slows the stream down: keys whose variation makes each sample compute tables of its own.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
     }
 
     /// Width and height of the images, px.
@@ -190,13 +215,7 @@ impl SampleStream {
             Assignment { path: path.to_owned(), value: value.unwrap_or(drawn.text) }
         });
         let assignments: Vec<Assignment> = options.assignments.iter().cloned().chain(varied).collect();
-        load_text(
-            &options.text,
-            (&options.name, &options.folder),
-            &assignments,
-            Some(self.seed_of(index)),
-            &Context::default(),
-        )
+        self.parsed.resolve(&assignments, Some(self.seed_of(index)), &self.context)
     }
 
     /// Computes a sample.
@@ -222,3 +241,6 @@ fn mix(number: u64) -> u64 {
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
 }
+
+#[cfg(test)]
+mod tests;

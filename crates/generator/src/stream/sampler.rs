@@ -19,7 +19,7 @@ use scenario::Scenario;
 use storage::error::Result;
 
 /// Maximum number of cached optics; optics that vary continuously are not reused.
-const MAX_OPTICS: usize = 8;
+pub(super) const MAX_OPTICS: usize = 8;
 
 /// Maximum number of cached scenarios; each thread that computes a sample takes one.
 const MAX_SCENARIOS: usize = 64;
@@ -37,7 +37,7 @@ struct Optics {
 
 /// Everything that a renderer and its images depend on.
 #[derive(Debug, Clone, PartialEq)]
-struct Key {
+pub(super) struct Key {
     settings: Settings,
     renderer: RendererSpec,
     depth_factor: f64,
@@ -46,7 +46,7 @@ struct Key {
 }
 
 impl Key {
-    fn of(scenario: &Scenario) -> Self {
+    pub(super) fn of(scenario: &Scenario) -> Self {
         let sizes = scenario.seeding.diameters();
         let gaussian = scenario.spec.optics.gaussian.is_some();
         let gain = if gaussian { scenario.settings.gain } else { 1.0 };

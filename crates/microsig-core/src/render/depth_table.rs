@@ -65,6 +65,35 @@ pub struct InterpolatedPlane {
 }
 
 impl<L: PlaneLayout> DepthTable<L> {
+    /// The image at one depth (um) alone, and its change over `step_um`: on a linear function, the spline in
+    /// depth is exact.
+    pub(super) fn single(
+        (z_um, step_um): (f64, f64),
+        layout: L,
+        reach_px: [f64; 2],
+        plane: &[f32],
+        by_step: Option<&[f32]>,
+    ) -> Self {
+        let coefficients = match by_step {
+            None => plane.repeat(4),
+            Some(by_step) => [-1.0, 0.0, 1.0, 2.0]
+                .iter()
+                .flat_map(|i| plane.iter().zip(by_step).map(move |(value, by)| value + i * by))
+                .collect(),
+        };
+        DepthTable {
+            start_um: z_um,
+            step_um,
+            planes: 4,
+            radii: vec![0.0],
+            field: FieldNodes::one(),
+            layout,
+            reach_px: vec![reach_px; 4],
+            coefficients,
+            error: 0.0,
+        }
+    }
+
     /// Its memory.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(self.coefficients.as_slice())

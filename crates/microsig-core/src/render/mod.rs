@@ -37,7 +37,7 @@ pub use patch::{ExpectedPatch, Patch, Window};
 pub use rays::RayRenderer;
 pub use renderer::{RenderMethod, Renderer, RendererSpec};
 pub use shape::ShapeGradient;
-pub use store::{Context, TableStore};
+pub use store::{Context, Kernels, TableStore};
 pub use tabled::TabledRenderer;
 pub use tables::TablesState;
 pub use waves::{WaveOptics, WavesRenderer};

@@ -51,6 +51,7 @@ pub struct RendererSpec {
     method: RenderMethod,
     blur_um: f64,
     field: FieldOptics,
+    is_single: bool,
 }
 
 impl From<RenderMethod> for RendererSpec {
@@ -60,7 +61,7 @@ impl From<RenderMethod> for RendererSpec {
             RenderMethod::Waves { optics, .. } => (optics.blur_um, optics.field),
             _ => (0.0, FieldOptics::default()),
         };
-        RendererSpec { method, blur_um, field }
+        RendererSpec { method, blur_um, field, is_single: false }
     }
 }
 
@@ -74,7 +75,12 @@ impl RendererSpec {
             }
             other => other,
         };
-        RendererSpec { method, blur_um, field }
+        RendererSpec { method, blur_um, field, ..self }
+    }
+
+    /// The same, which computes each image for itself instead of from tables, or not.
+    pub fn with_single_images(self, is_single: bool) -> RendererSpec {
+        RendererSpec { is_single, ..self }
     }
 
     /// How images are computed.
@@ -98,7 +104,7 @@ impl RendererSpec {
     /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] if the renderer
     /// cannot draw with these settings.
     pub fn build(self, settings: &Settings, context: &Context) -> Result<Renderer, Error> {
-        let RendererSpec { method, blur_um, field } = self;
+        let RendererSpec { method, blur_um, field, is_single } = self;
         field.validate(settings)?;
         if !(0.0..=1e3).contains(&blur_um) {
             return Err(Error::Unsupported(format!("blur_um = {blur_um}: expected 0 to 1000 um")));
@@ -112,10 +118,12 @@ impl RendererSpec {
         let renderer: Renderer = match method {
             RenderMethod::Rays { spheroids } => RayRenderer::new(settings, spheroids)?.into(),
             RenderMethod::Expected { spheroids, tolerance } => {
-                ExpectedRenderer::new(settings, spheroids, tolerance)?.within(context).into()
+                let renderer = ExpectedRenderer::new(settings, spheroids, tolerance)?.within(context);
+                if is_single { renderer.without_tables().into() } else { renderer.into() }
             }
             RenderMethod::Waves { optics, tolerance } => {
-                WavesRenderer::new(settings, &optics, tolerance)?.within(context).into()
+                let renderer = WavesRenderer::new(settings, &optics, tolerance)?.within(context);
+                if is_single { renderer.without_tables().into() } else { renderer.into() }
             }
             RenderMethod::Gaussian(spot) => GaussianRenderer::new(settings, spot)?.into(),
         };

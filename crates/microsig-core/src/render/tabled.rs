@@ -146,6 +146,13 @@ pub trait ImageModel: Debug + Send + Sync {
         false
     }
 
+    /// Prepares for images that are computed one by one instead of from tables.
+    fn without_tables(&mut self, context: &Context);
+
+    /// The image of a sphere, computed for its own depth and size, as a table of this depth alone;
+    /// `with_derivative`: with its change with depth.
+    fn single(&self, sphere: &Particle, with_derivative: bool) -> DepthTable<Self::Layout>;
+
     /// Makes a table.
     fn build(&self, span: TableSpan) -> DepthTable<Self::Layout>;
 }
@@ -162,10 +169,15 @@ pub struct TabledRenderer<M: ImageModel> {
     pub(super) model: M,
     instructions: InstructionSet,
     context: Context,
+    /// Whether each image is computed for itself, without tables.
+    is_single: bool,
     tables: SharedTables<M::Layout>,
     /// Working memory, reused from image to image.
     images: BufferPool<Vec<f32>>,
 }
+
+/// A table, and the source drawn from it as the table has it.
+type PlacedTable<L> = (Particle, Arc<DepthTable<L>>);
 
 /// Where the image of a source comes from.
 enum ImageSource<L> {
@@ -221,7 +233,14 @@ pub(super) fn check<M: ImageModel>(model: &M, particle: &Particle) -> Result<Opt
 impl<M: ImageModel> TabledRenderer<M> {
     pub(super) fn of(model: M, instructions: InstructionSet) -> Self {
         let (context, tables, images) = (Context::default(), SharedTables::default(), BufferPool::default());
-        TabledRenderer { model, instructions, context, tables, images }
+        TabledRenderer { model, instructions, context, is_single: false, tables, images }
+    }
+
+    /// The same renderer, which computes each image for itself, at its own depth, instead of from tables: for
+    /// optics of which few images are drawn. Errors are those of the quadrature alone, without verification.
+    pub fn without_tables(mut self) -> Self {
+        self.model.without_tables(&self.context);
+        TabledRenderer { is_single: true, ..self }
     }
 
     /// The same renderer, whose tables are kept where `context` says.
@@ -237,7 +256,10 @@ impl<M: ImageModel> TabledRenderer<M> {
     /// The counts of one particle if its brightness were 1. `None`: its light cannot reach the sensor.
     pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
         let sources = self.sources(particle);
-        self.drawn(&sources, self.window(&sources))
+        let tables = self.tables_of(&sources, false);
+        let on = self.window_of(&sources, &tables);
+        let images = self.images_of(&sources, tables, Some(on));
+        image_sum::patch(on, |band| self.add(&sources, &images, band))
     }
 
     /// The light of all particles of one image.
@@ -253,10 +275,14 @@ impl<M: ImageModel> TabledRenderer<M> {
 
     /// The smallest window that contains the images of sources.
     pub(super) fn window(&self, sources: &[Source]) -> Window {
-        let mut tables = self.tables_of(sources).into_iter();
+        self.window_of(sources, &self.tables_of(sources, false))
+    }
+
+    fn window_of(&self, sources: &[Source], tables: &[PlacedTable<M::Layout>]) -> Window {
+        let mut tables = tables.iter();
         let windows = sources.iter().map(|source| match source.is_direct {
             true => self.direct_window(source),
-            false => tables.next().map_or_else(Window::default, |(at, table)| self.table_window(&at, &table)),
+            false => tables.next().map_or_else(Window::default, |(at, table)| self.table_window(at, table)),
         });
         windows.fold(Window::default(), Window::joined)
     }
@@ -292,8 +318,16 @@ impl<M: ImageModel> TabledRenderer<M> {
     /// The data from which each source is drawn; those drawn directly, on a window or where their light
     /// falls.
     fn images(&self, sources: &[Source], on: Option<Window>) -> Vec<ImageSource<M::Layout>> {
-        let tables = self.tables_of(sources).into_iter();
-        let mut tables = tables.map(|(at, table)| ImageSource::Table(at, table));
+        self.images_of(sources, self.tables_of(sources, false), on)
+    }
+
+    fn images_of(
+        &self,
+        sources: &[Source],
+        tables: Vec<PlacedTable<M::Layout>>,
+        on: Option<Window>,
+    ) -> Vec<ImageSource<M::Layout>> {
+        let mut tables = tables.into_iter().map(|(at, table)| ImageSource::Table(at, table));
         let direct = sources.par_iter().map(|source| {
             source.is_direct.then(|| {
                 checkpoint();
@@ -335,10 +369,17 @@ impl<M: ImageModel> TabledRenderer<M> {
         spheres.iter().map(|sphere| self.model.ranges().key(sphere)).collect()
     }
 
-    /// The table of each source that has one, and the source as the table has it; missing tables are built in
-    /// parallel.
-    fn tables_of(&self, sources: &[Source]) -> Vec<(Particle, Arc<DepthTable<M::Layout>>)> {
+    /// The table of each source that has one, and the source as the table has it; missing tables, and all
+    /// single images, are made in parallel.
+    fn tables_of(&self, sources: &[Source], with_derivative: bool) -> Vec<PlacedTable<M::Layout>> {
         let tabled = || sources.iter().filter(|source| !source.is_direct);
+        if self.is_single {
+            let single = |source: &&Source| {
+                checkpoint();
+                (source.at, Arc::new(self.model.single(&source.at, with_derivative)))
+            };
+            return tabled().collect::<Vec<_>>().par_iter().map(single).collect();
+        }
         let keys: Vec<Key> = tabled().map(|source| self.model.ranges().key(&source.at)).collect();
         let pairs = tabled().zip(self.get(&keys));
         pairs.map(|(source, table)| (self.model.placed(&source.at, &table.layout), table)).collect()
@@ -442,7 +483,7 @@ impl<M: ImageModel> Render for TabledRenderer<M> {
     }
 
     fn tables(&self) -> Option<&dyn Tables> {
-        Some(self)
+        if self.is_single { None } else { Some(self) }
     }
 
     fn light(&self, particles: &[Particle], _: &Streams, _: Purpose, _: u32) -> Light {
@@ -464,7 +505,7 @@ impl<M: ImageModel> Render for TabledRenderer<M> {
         let [Source { light, is_direct: false, .. }] = sources[..] else {
             return if window.is_none() { self.by_differences(particle) } else { None };
         };
-        let (at, table) = self.tables_of(&sources).remove(0);
+        let (at, table) = self.tables_of(&sources, true).remove(0);
         let window = window.unwrap_or_else(|| self.table_window(&at, &table));
         let plane = table.plane_at(at.z_um, 0.5 * at.d_um, [at.x_px, at.y_px]);
         let scale = self.model.depth_scale(particle);
@@ -513,7 +554,7 @@ impl<M: ImageModel> TabledRenderer<M> {
             self.model.sources(&point, 1.0, &mut sources);
         }
         let mut pixels = vec![[0.0; VALUES]; window.area()];
-        for (emitter, (at, table)) in emitters.iter().zip(self.tables_of(&sources)) {
+        for (emitter, (at, table)) in emitters.iter().zip(self.tables_of(&sources, true)) {
             checkpoint();
             self.add_emitter((particle, of), (emitter, &at, &table), window, &mut pixels);
         }

@@ -4,4 +4,5 @@ mod cylinder;
 mod expected_limits;
 mod noise;
 mod same_bytes;
+mod single_images;
 mod waves;

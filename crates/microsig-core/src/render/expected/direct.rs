@@ -1,11 +1,14 @@
 //! The image of one sphere and its derivatives, computed for its own depth, without a table: for fits.
 
-use super::depth_table::PlaneLayout;
+use super::depth_table::{DepthTable, PlaneLayout};
 use super::model::{Model, QuadrantGrid, SampleNodes};
 use super::radial_layout::{RadialLayout, round_spline};
+use crate::particle::Particle;
 use crate::render::depth_table::{InterpolatedPlane, PlaneLayout as _};
 use crate::render::node_layout::NodeLayout;
 use crate::render::spline::{self, SplineDegree};
+use crate::render::tabled;
+use crate::settings::Settings;
 
 /// Nodes per px of a quadrant: for coarse tolerances and for others.
 const PER_PX: [usize; 2] = [2, 4];
@@ -14,6 +17,11 @@ const COARSE: f64 = 2e-3;
 /// Motion of an image's edge (px) over half the distance of the two images whose difference is a derivative
 /// with respect to depth.
 const EDGE_STEP_PX: f64 = 0.15;
+
+/// For single images: half the meridians of tables, as no further error is added between depths and sizes, and
+/// fewer steps for the extent.
+pub(super) const MERIDIANS: f64 = 0.5;
+pub(super) const REACH_STEPS: u32 = 16;
 
 /// An image at one depth.
 pub(super) struct DirectImage {
@@ -59,7 +67,7 @@ impl DirectImage {
         };
         let value = coefficients(z_um);
         let by_z = if with_derivative {
-            let step = EDGE_STEP_PX / model.edge_px_per_um();
+            let step = step_um(model);
             let (low, high) = (coefficients(z_um - step), coefficients(z_um + step));
             low.iter().zip(&high).map(|(low, high)| (high - low) / (2.0 * step)).collect()
         } else {
@@ -72,6 +80,37 @@ impl DirectImage {
     pub(super) fn at(&self, [dx, dy]: [f64; 2]) -> [f64; 4] {
         self.layout.at(&self.plane, dx, dy)
     }
+}
+
+/// Half the distance of the two images whose difference is a derivative with respect to depth, um.
+fn step_um(model: &Model) -> f64 {
+    EDGE_STEP_PX / model.edge_px_per_um()
+}
+
+/// The image of a sphere as a table of its depth alone.
+pub(super) fn single(
+    model: &Model,
+    settings: &Settings,
+    sphere: &Particle,
+    with_derivative: bool,
+) -> DepthTable {
+    let (z_um, radius_um, step_um) = (sphere.z_um, 0.5 * sphere.d_um, step_um(model));
+    let reach = model.reach(z_um, radius_um);
+    if !with_derivative && tabled::window(settings, sphere, (reach[0], reach[1])).area() == 0 {
+        let layout = PlaneLayout::Quadrant(NodeLayout::new(1, [1, 1], true));
+        let dark = vec![0.0; layout.length()];
+        return DepthTable::single((z_um, step_um), layout, reach, &dark, None);
+    }
+    // To the farthest pixel of the sensor; those of derivatives may lie beyond it.
+    let far = |at: f64, size: u32| (at - 1.0).abs().max((f64::from(size) - at).abs()) + 1.0;
+    let sensor = [far(sphere.x_px, settings.pixel_dim_x), far(sphere.y_px, settings.pixel_dim_y)];
+    let seen = if with_derivative { reach } else { sensor };
+    let DirectImage { layout, plane } = DirectImage::new(model, z_um, radius_um, seen, with_derivative);
+    let single = |values: Vec<f64>, factor: f64| -> Vec<f32> {
+        values.into_iter().map(|value| (factor * value) as f32).collect()
+    };
+    let by_step = with_derivative.then(|| single(plane.by_z, step_um));
+    DepthTable::single((z_um, step_um), layout, reach, &single(plane.value, 1.0), by_step.as_deref())
 }
 
 /// Coefficients of the cubic spline through values over a quadrant, even about both axes.

@@ -36,16 +36,17 @@ fn nodes(Fineness(fine): Fineness, reach_px: f64) -> usize {
 }
 
 /// Light within the radius k / ANNULI_PER_PX px, k = 0..=rings, as a fraction of the light that the particle
-/// emits toward the lens side.
+/// emits toward the lens side. The resolution has a factor of its own for the number of meridians.
 pub(super) fn encircled(
     pupil: &Pupil,
     z_um: f64,
     radius_um: f64,
     rings: usize,
-    fineness: Fineness,
+    (fineness, of_meridians): (Fineness, f64),
     instructions: InstructionSet,
 ) -> Vec<f64> {
-    let meridians = meridians(fineness, pupil.image_px(z_um, radius_um));
+    let Fineness(fine) = fineness;
+    let meridians = meridians(Fineness(of_meridians * fine), pupil.image_px(z_um, radius_um));
     let distance = pupil.distance(z_um);
     let mut histogram = RadialHistogram::new(rings);
     for segment in segments(pupil, z_um, radius_um, rings as f64 / ANNULI_PER_PX as f64, fineness) {

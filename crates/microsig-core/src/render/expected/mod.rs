@@ -40,6 +40,7 @@ pub use super::patch::ExpectedPatch;
 use super::patch::Window;
 use super::rays::{LARGEST_EXCESS, RayRenderer};
 use super::refinement::TableSpan;
+use super::store::Context;
 pub use super::tabled::TOLERANCES;
 use super::tabled::{self, ImageModel, Source, TabledRenderer};
 use super::tables::TableRanges;
@@ -118,7 +119,9 @@ impl ExpectedRenderer {
         let [x, y] = tabled::farthest_px(settings);
         let farthest_px =
             if pupil.system.cylinder.is_some() { [x, y] } else { [libm::sqrt(x * x + y * y); 2] };
-        let model = Model { pupil, tolerance, farthest_px, instructions, buffers: Buffers::default() };
+        let buffers = Buffers::default();
+        let (meridians, reach_steps) = (1.0, pupil::REACH_STEPS);
+        let model = Model { pupil, tolerance, farthest_px, instructions, meridians, reach_steps, buffers };
         // Over the depth range of a table the edge of an image moves by about 4 px; over its size range the
         // geometric image changes by 2 px.
         let ranges = TableRanges::up_to(4.0 / model.edge_px_per_um(), 2.0 / model.px_per_um());
@@ -240,6 +243,14 @@ impl ImageModel for Rays {
 
     fn parameters(&self) -> String {
         self.model.parameters()
+    }
+
+    fn without_tables(&mut self, _: &Context) {
+        (self.model.meridians, self.model.reach_steps) = (direct::MERIDIANS, direct::REACH_STEPS);
+    }
+
+    fn single(&self, sphere: &Particle, with_derivative: bool) -> DepthTable {
+        direct::single(&self.model, self.settings(), sphere, with_derivative)
     }
 
     fn build(&self, span: TableSpan) -> DepthTable {

@@ -30,6 +30,10 @@ pub(super) struct Model {
     /// Largest relevant distances of pixels from the center of a particle image along the two axes, px.
     pub(super) farthest_px: [f64; 2],
     pub(super) instructions: InstructionSet,
+    /// Factor on the number of meridians of round images.
+    pub(super) meridians: f64,
+    /// Number of steps from the axis to the rim in which the extent of images is found.
+    pub(super) reach_steps: u32,
     pub(super) buffers: Buffers,
 }
 
@@ -96,7 +100,7 @@ impl Model {
     pub(super) fn reach(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
         // Half a pixel plus a margin; half its diagonal if the image is round.
         let pixel = if self.is_round() { 0.75 } else { 0.6 };
-        self.pupil.reach(z_um, radius_um).map(|r| r + pixel)
+        self.pupil.reach(z_um, radius_um, self.reach_steps).map(|r| r + pixel)
     }
 
     /// Motion of the edge of an image with depth, px/um. With a large aperture, light from near the rim lands
@@ -172,6 +176,7 @@ impl Model {
     fn azimuths(&self, z_um: f64, radius_um: f64, reach_px: f64, fineness: Fineness) -> Vec<Vec<f64>> {
         let nodes = libm::ceil(reach_px * FIXED_PER_PX as f64) as usize + 2;
         let annuli = (nodes / FIXED_PER_PX + 2) * encircled::ANNULI_PER_PX;
+        let fineness = (fineness, self.meridians);
         let encircled =
             encircled::encircled(&self.pupil, z_um, radius_um, annuli, fineness, self.instructions);
         let values = pixel_integral::integrate(&encircled, FIXED_PER_PX, nodes);

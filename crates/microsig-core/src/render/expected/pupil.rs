@@ -56,6 +56,9 @@ impl PupilView {
     }
 }
 
+/// [`Pupil::reach`] in so many steps for tables and fits.
+pub(super) const REACH_STEPS: u32 = 64;
+
 /// The optical system and the pixel size of the sensor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pupil {
@@ -134,13 +137,14 @@ impl Pupil {
     }
 
     /// Largest distances (px) along the two axes at which light of a particle lands from the center of its
-    /// image.
-    pub(super) fn reach(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
-        const STEPS: u32 = 64;
+    /// image; `steps`: from the axis to the rim.
+    pub(super) fn reach(&self, z_um: f64, radius_um: f64, steps: u32) -> [f64; 2] {
         let mut reach = [0.0f64; 2];
-        for i in 0..=STEPS {
-            let q = self.aperture() * f64::from(i) / f64::from(STEPS);
-            for point in [[q, 0.0], [0.0, q]] {
+        // Without a cylindrical lens, both axes of the lens are the same.
+        let axes = if self.system.cylinder.is_none() { 1 } else { 2 };
+        for i in 0..=steps {
+            let q = self.aperture() * f64::from(i) / f64::from(steps);
+            for point in [[q, 0.0], [0.0, q]].into_iter().take(axes) {
                 let Some(view) = self.view(z_um, radius_um, point) else { continue };
                 for axis in 0..2 {
                     let slope2 = view.by_offset().iter().map(|d| d[axis] * d[axis]).sum::<f64>();

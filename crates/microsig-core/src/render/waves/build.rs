@@ -170,11 +170,17 @@ impl Draft<'_> {
     /// The same, at least, in a time that does not grow with the image: one that is large is taken to be as
     /// faint as if all of its light were spread evenly.
     pub(super) fn extent(&self) -> [usize; 2] {
-        let rims = self.rims();
-        let bare = self.bare(&rims);
-        if bare.into_iter().all(|edge| edge <= LARGE_PX) {
+        if self.bare(&self.rims()).into_iter().all(|edge| edge <= LARGE_PX) {
             return self.edges();
         }
+        self.faint_edges()
+    }
+
+    /// Edges of an image that is as faint as if all of its light were spread evenly: at least those of the
+    /// image.
+    pub(super) fn faint_edges(&self) -> [usize; 2] {
+        let rims = self.rims();
+        let bare = self.bare(&rims);
         let even = |&(z_um, [x, y]): &(f64, [f64; 2])| {
             self.model.accepted(z_um, self.large()) / (std::f64::consts::PI * x.max(1.0) * y.max(1.0))
         };
@@ -328,6 +334,54 @@ impl Draft<'_> {
             }
         }
         model.exposure(frame, MAX_DENSITY)
+    }
+
+    /// The image at the start of the span as a table of this depth alone, with its change over `step_um`, if
+    /// given; `scale`: of depths in the table over those of images; `reaches`: whether an image with this edge
+    /// reaches the sensor.
+    pub(super) fn single(
+        &self,
+        scale: f64,
+        step_um: Option<f64>,
+        reaches: impl Fn([usize; 2]) -> bool,
+    ) -> Table {
+        let (model, radius_um, z_um) = (self.model, self.large(), self.span.start_um);
+        let depths = (scale * z_um, scale * step_um.unwrap_or(1.0));
+        let mut edge_px = self.faint_edges();
+        if step_um.is_none() && !reaches(edge_px) {
+            let nodes = NodeLayout::new(1, [1, 1], true);
+            let dark = vec![0.0; nodes.length()];
+            return Table::single(depths, Layout { nodes, edge_px, tilted: false }, [1.0; 2], &dark, None);
+        }
+        let per_px = libm::ceil(3.0 * model.sharpest()).max(2.0) as usize;
+        loop {
+            let step_um = step_um.unwrap_or(0.0);
+            let (from_um, to_um) = (z_um - step_um, z_um + step_um);
+            let frame = model.frame(Scope { from_um, to_um, radius_um, edge_px, fineness: 1.0 });
+            let exposure = model.exposure(&frame, per_px);
+            let plane_at = |z_um: f64| model.plane(&model.light(&frame, z_um, radius_um), &exposure);
+            let plane = plane_at(z_um);
+            let reach = self.reach(&plane, &exposure);
+            let wider = self.wider(edge_px, &[reach]);
+            if wider != edge_px {
+                edge_px = wider;
+                continue;
+            }
+            let nodes = &exposure.layout;
+            let stored = |mut plane: Vec<f64>, factor: f64| {
+                self.fade(&mut plane, reach, nodes);
+                let mut stored = vec![0.0; nodes.length()];
+                plane.iter_mut().for_each(|value| *value *= factor);
+                nodes.store(&plane, &mut stored, |value| value as f32);
+                stored
+            };
+            let by_step = (step_um > 0.0).then(|| {
+                let [low, high] = [-step_um, step_um].map(|step| stored(plane_at(z_um + step), 0.5));
+                low.iter().zip(high).map(|(low, high)| high - low).collect::<Vec<f32>>()
+            });
+            let layout = Layout { nodes: nodes.clone(), edge_px, tilted: false };
+            return Table::single(depths, layout, reach, &stored(plane, 1.0), by_step.as_deref());
+        }
     }
 
     /// Converts planes of all radii to splines, fades them out, and collects them in a table.

@@ -6,7 +6,7 @@ use super::{WavesRenderer, obstacles};
 use crate::optics::LocalOptics;
 
 /// Step of the difference that is a derivative with respect to depth, in units of lambda / NA^2.
-const STEP_DEPTHS: f64 = 0.05;
+pub(super) const STEP_DEPTHS: f64 = 0.05;
 
 /// Images of spheres of one diameter over a range of depths. All have the same transform kernels.
 #[derive(Debug)]
@@ -49,8 +49,7 @@ impl WavesRenderer {
         d_um: f64,
         edge_px: [usize; 2],
     ) -> SingleImages {
-        let na = self.model.settings.numerical_aperture;
-        let step_um = STEP_DEPTHS * self.model.optics.wavelength_um / (na * na);
+        let step_um = self.model.depth_step_um();
         let radius_um = 0.5 * d_um;
         let (from_um, to_um) = (from_um - step_um, to_um + step_um);
         let frame = model.frame(Scope { from_um, to_um, radius_um, edge_px, fineness: 1.0 });

@@ -3,12 +3,15 @@
 //! The matrices depend neither on depth nor on the particle. At another wavelength, they apply to scaled
 //! radii of the image.
 
+use std::sync::Arc;
+
 use super::bessel::bessel;
 use super::matrix::{self, LANES, Panels};
 use super::modes::Modes;
 use super::pupil::{Pupil, Radii};
 use crate::quadrature::gauss_legendre_on;
 use crate::render::instructions::InstructionSet;
+use crate::render::store::{self, Kernels};
 
 /// Points of the interpolation along the radius.
 const TAPS: usize = 6;
@@ -25,9 +28,31 @@ pub(super) struct Hankel {
     columns: usize,
     /// k step_um / b: factor from sigma to the change of the argument per step, 1/um.
     step: f64,
+    bessel: Arc<Bessel>,
+}
+
+/// What does not depend on the optics if the radii of the pupil are given in units of its edge.
+#[derive(Debug)]
+struct Bessel {
     table: Table,
-    /// Kernels by order, radius of the pupil and radius of the image; empty if they are computed when needed.
+    /// By order, radius of the pupil and radius of the image; empty if they are computed when needed.
     kernels: Vec<Panels<f32>>,
+}
+
+/// Numbers of nodes, columns and orders from which kernels follow.
+pub(super) struct Counts {
+    pub(super) nodes: usize,
+    pub(super) columns: usize,
+    pub(super) orders: usize,
+}
+
+impl Counts {
+    /// Rounded up, so that images by other optics have the same.
+    fn rounded(self) -> Counts {
+        let Counts { nodes, columns, orders } = self;
+        let (nodes, columns) = (store::rounded(nodes, 8), store::rounded(columns, 64));
+        Counts { nodes, columns, orders: orders.next_multiple_of(ORDERS) }
+    }
 }
 
 /// Number of orders whose kernels are computed together.
@@ -44,37 +69,44 @@ pub(super) struct Profile {
 }
 
 impl Hankel {
-    /// `inner`, `end`: radii in the lens plane between which the pupil is open, um; `nodes`: number of
-    /// quadrature points between them; `columns`: number of the image's radii at steps of `step_um`;
-    /// `orders`: number of orders of modes.
+    /// `inner`, `end`: radii in the lens plane between which the pupil is open, um; `counts`: quadrature points
+    /// between them, the image's radii at steps of `step_um`, and orders of modes; `shared`: where kernels are
+    /// shared with other optics.
     pub(super) fn new(
         pupil: &Pupil,
         k: f64,
         [inner, end]: [f64; 2],
-        nodes: usize,
-        (columns, step_um): (usize, f64),
-        orders: usize,
+        counts: Counts,
+        step_um: f64,
+        shared: Option<&Kernels>,
         instructions: InstructionSet,
     ) -> Hankel {
-        let (q, weights) = gauss_legendre_on(inner, end, nodes);
-        let radii = pupil.radii(q, end);
-        let weights: Vec<f64> = (0..nodes).map(|i| weights[i] * radii.sigma[i] * radii.stretch[i]).collect();
-        let columns = columns.next_multiple_of(LANES);
-        let b = pupil.b();
-        let table = Table::new(k * pupil.sigma(end) * step_um * columns as f64 / b, orders);
-        let mut hankel =
-            Hankel { radii, weights, b, step_um, columns, step: k * step_um / b, table, kernels: Vec::new() };
-        if orders * nodes * columns * size_of::<f32>() <= KEPT_BYTES {
-            let blocks = (0..orders).step_by(ORDERS);
-            hankel.kernels = blocks.flat_map(|first| hankel.kernels_from(first, instructions)).collect();
-        }
-        hankel
-    }
-
-    /// J_m(k sigma r / b) of [`ORDERS`] orders by radius of the pupil and radius of the image.
-    fn kernels_from(&self, first: usize, instructions: InstructionSet) -> [Panels<f32>; ORDERS] {
-        let out = std::array::from_fn(|_| Panels::zeros(self.radii.sigma.len(), self.columns));
-        instructions.dispatch(Kernels { hankel: self, first, out })
+        let (b, step) = (pupil.b(), k * step_um / pupil.b());
+        let edge = pupil.sigma(end);
+        let Some(shared) = shared.filter(|_| inner == 0.0) else {
+            let (q, weights) = gauss_legendre_on(inner, end, counts.nodes);
+            let radii = pupil.radii(q, end);
+            let weighted = |i: usize| weights[i] * radii.sigma[i] * radii.stretch[i];
+            let weights = (0..counts.nodes).map(weighted).collect();
+            let bessel = Arc::new(Bessel::new(&radii.sigma, edge, step, &counts, instructions));
+            let columns = counts.columns.next_multiple_of(LANES);
+            return Hankel { radii, weights, b, step_um, columns, step, bessel };
+        };
+        let counts = counts.rounded();
+        let Counts { nodes, columns, orders } = counts;
+        let (unit, of_unit) = gauss_legendre_on(0.0, 1.0, nodes);
+        // The same at nearly all optics.
+        let billionths = libm::rint(step * edge * 1e9);
+        let key = [nodes as u64, columns as u64, orders as u64, billionths as u64];
+        let bessel = shared.get(&key, || {
+            let bessel = Bessel::new(&unit, 1.0, billionths * 1e-9, &counts, instructions);
+            let bytes = 8 * bessel.table.values.len() + bessel.kernels.len() * nodes * columns * 4;
+            (bessel, bytes)
+        });
+        let sigma: Vec<f64> = unit.iter().map(|u| u * edge).collect();
+        let weights = sigma.iter().zip(of_unit).map(|(sigma, weight)| sigma * weight * edge).collect();
+        let radii = pupil.radii(sigma.iter().map(|sigma| pupil.q(*sigma).min(end)).collect(), end);
+        Hankel { radii, weights, b, step_um, columns, step, bessel }
     }
 
     /// The image of these modes at the wave number `k` (1/um); `kernel_k` is that of the kernels.
@@ -99,15 +131,17 @@ impl Hankel {
         let (mut first, mut block): (usize, Vec<Panels<f32>>) = (0, Vec::new());
         for of_order in modes.modes.chunk_by(|a, b| a.order == b.order) {
             let order = of_order[0].order;
-            if order >= self.table.orders {
+            let Bessel { table, kernels } = &*self.bessel;
+            if order >= table.orders {
                 break;
             }
             // Orders increase.
-            if self.kernels.is_empty() && (block.is_empty() || order >= first + ORDERS) {
+            if kernels.is_empty() && (block.is_empty() || order >= first + ORDERS) {
                 first = order / ORDERS * ORDERS;
-                block = self.kernels_from(first, instructions).into();
+                let places = (&self.radii.sigma[..], self.step, self.columns);
+                block = table.kernels_from(first, places, instructions).into();
             }
-            let kernel = if self.kernels.is_empty() { &block[order - first] } else { &self.kernels[order] };
+            let kernel = if kernels.is_empty() { &block[order - first] } else { &kernels[order] };
             left.clear();
             for mode in of_order {
                 let part = |i: usize| {
@@ -132,6 +166,23 @@ impl Hankel {
             }
         }
         Profile::new(&light, self.step_um * kernel_k / k)
+    }
+}
+
+impl Bessel {
+    /// For radii of the pupil up to `edge`, and the change of the argument per step of the image's radius in
+    /// the inverse unit.
+    fn new(radii: &[f64], edge: f64, step: f64, counts: &Counts, instructions: InstructionSet) -> Bessel {
+        let Counts { nodes, orders, .. } = *counts;
+        let columns = counts.columns.next_multiple_of(LANES);
+        let table = Table::new(step * edge * columns as f64, orders);
+        let mut kernels = Vec::new();
+        if orders * nodes * columns * size_of::<f32>() <= KEPT_BYTES {
+            let blocks = (0..orders).step_by(ORDERS);
+            let of_block = |first| table.kernels_from(first, (radii, step, columns), instructions);
+            kernels = blocks.flat_map(of_block).collect();
+        }
+        Bessel { table, kernels }
     }
 }
 
@@ -179,25 +230,39 @@ impl Table {
         }
         Table { orders, values }
     }
+
+    /// J_m of [`ORDERS`] orders by radius of the pupil and radius of the image: radii, change of the argument
+    /// per step and unit of them, and number of steps.
+    fn kernels_from(
+        &self,
+        first: usize,
+        (radii, step, columns): (&[f64], f64, usize),
+        instructions: InstructionSet,
+    ) -> [Panels<f32>; ORDERS] {
+        let out = std::array::from_fn(|_| Panels::zeros(radii.len(), columns));
+        instructions.dispatch(Interpolate { table: self, radii, step, columns, first, out })
+    }
 }
 
 /// Interpolates Bessel functions of [`ORDERS`] orders.
-struct Kernels<'a> {
-    hankel: &'a Hankel,
+struct Interpolate<'a> {
+    table: &'a Table,
+    radii: &'a [f64],
+    step: f64,
+    columns: usize,
     /// The first of the orders.
     first: usize,
     out: [Panels<f32>; ORDERS],
 }
 
-impl pulp::WithSimd for Kernels<'_> {
+impl pulp::WithSimd for Interpolate<'_> {
     type Output = [Panels<f32>; ORDERS];
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> [Panels<f32>; ORDERS] {
-        let Kernels { hankel, first, mut out } = self;
-        let (columns, table) = (hankel.columns, &hankel.table);
-        for (i, sigma) in hankel.radii.sigma.iter().enumerate() {
-            let step = hankel.step * sigma * Table::PER_UNIT;
+        let Interpolate { table, radii, step, columns, first, mut out } = self;
+        for (i, sigma) in radii.iter().enumerate() {
+            let step = step * sigma * Table::PER_UNIT;
             for column in 0..columns {
                 let place = step * column as f64;
                 // Positive, so this rounds down.

@@ -39,8 +39,9 @@ mod zernike;
 use super::instructions::InstructionSet;
 use super::interface::{Description, Render, Traits};
 use super::rays::RayRenderer;
-use super::refinement::TableSpan;
+use super::refinement::{TableRadii, TableSpan};
 use super::shape::SpheroidLight;
+use super::store::Context;
 use super::tabled::{self, ImageModel, Source, TabledRenderer};
 use super::tables::TableRanges;
 use crate::emission::{SpheroidLaw, emitted_rays};
@@ -156,6 +157,7 @@ impl WavesRenderer {
             inner_um,
             tolerance,
             share: build::SHARE * tolerance,
+            kernels: None,
             instructions,
             pupil,
         };
@@ -200,6 +202,10 @@ impl WavesRenderer {
 impl Waves {
     fn path_difference_waves(&self, z_um: f64) -> f64 {
         self.model.pupil.own_spread(z_um) / self.optics.wavelength_um
+    }
+
+    fn is_without_tables(&self) -> bool {
+        self.model.kernels.is_some()
     }
 
     fn has_coma(&self) -> bool {
@@ -252,6 +258,12 @@ impl Waves {
         let [_, bx] = pupil.across();
         let (u, v) = (bx * (x * cosine + y * sine), pupil.b() * (y * cosine - x * sine));
         Particle { x_px: at.x_px - (u * cosine - v * sine), y_px: at.y_px - (u * sine + v * cosine), ..*at }
+    }
+
+    /// Half the distance of the two images whose difference is a derivative with respect to depth, um.
+    fn depth_step_um(&self) -> f64 {
+        let na = self.settings.numerical_aperture;
+        direct::STEP_DEPTHS * self.optics.wavelength_um / (na * na)
     }
 
     /// Half width and half height of the geometric image of a particle, px.
@@ -492,6 +504,34 @@ impl ImageModel for Waves {
 
     fn placed(&self, at: &Particle, layout: &Layout) -> Particle {
         if layout.tilted { self.tilted(at) } else { *at }
+    }
+
+    fn without_tables(&mut self, context: &Context) {
+        self.model.kernels = Some(context.kernels.clone());
+        // Without verification, more modes are needed.
+        self.model.share *= 0.25;
+    }
+
+    fn single(&self, sphere: &Particle, with_derivative: bool) -> Table {
+        let at_px = [sphere.x_px, sphere.y_px];
+        let local = self.optics.field.has_aberrations().then(|| self.model_at(at_px, false));
+        let scale = if local.is_some() { self.depth_scale(at_px) } else { 1.0 };
+        let span = TableSpan {
+            start_um: sphere.z_um / scale,
+            length_um: 0.0,
+            radii: TableRadii::One(0.5 * sphere.d_um),
+        };
+        let draft = Draft {
+            model: local.as_ref().unwrap_or(&self.model),
+            span,
+            farthest_px: self.farthest_px,
+            field: None,
+            tilted: false,
+        };
+        draft.single(scale, with_derivative.then(|| self.depth_step_um()), |edge_px| {
+            let [x, y] = edge_px.map(|px| px as f64);
+            tabled::window(&self.settings, sphere, (x, y)).area() > 0
+        })
     }
 
     /// With images displaced against coma, unless they deviate less without: in focus, coma hardly moves them.

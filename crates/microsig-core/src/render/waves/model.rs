@@ -3,7 +3,7 @@
 use super::band::Line;
 use super::bead::{self, Ring};
 use super::general::{General, Obstacles};
-use super::hankel::{Hankel, Profile};
+use super::hankel::{Counts, Hankel, Profile};
 use super::modes::{Bead, Modes};
 use super::options::Emission;
 use super::pixel::{self, Axis};
@@ -14,6 +14,7 @@ use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::cancel::checkpoint;
 use crate::render::instructions::InstructionSet;
 use crate::render::node_layout::NodeLayout;
+use crate::render::store::Kernels;
 
 /// Margin beyond the edge that is computed but not rendered, px, because the Fourier series is periodic.
 const MARGIN_PX: f64 = 4.0;
@@ -47,6 +48,9 @@ pub(super) struct Model {
     pub(super) tolerance: f64,
     /// Fraction of the light in weak modes that are neglected; the kept modes are scaled up to compensate.
     pub(super) share: f64,
+    /// Where kernels are shared with other optics; tables do not share them, as the nodes of kernels that are
+    /// shared are others.
+    pub(super) kernels: Option<Kernels>,
     pub(super) instructions: InstructionSet,
 }
 
@@ -232,9 +236,9 @@ impl Model {
                 &self.pupil,
                 self.k(),
                 [self.inner_um, end],
-                count as usize,
-                (columns, step_um),
-                orders,
+                Counts { nodes: count as usize, columns, orders },
+                step_um,
+                self.kernels.as_ref(),
                 self.instructions,
             );
             return Frame {
@@ -247,7 +251,7 @@ impl Model {
                 convolution: None,
             };
         }
-        let convolved = self.obstacles.is_some() && !self.pupil.has_coma();
+        let convolved = !self.pupil.has_coma();
         let grid = [0, 1].map(|axis| {
             let points = libm::ceil(drawn[axis] / (steps_px[axis] * shrink)) as usize + 1;
             if convolved { slices::odd_and_smooth(2 * points - 1) / 2 + 1 } else { points }
@@ -272,7 +276,8 @@ impl Model {
                 convolution,
             };
         }
-        let quadrant = Quadrant::new(&self.pupil, self.k(), end, counts, grid, steps_um);
+        let shared = self.kernels.as_ref();
+        let quadrant = Quadrant::new(&self.pupil, self.k(), end, counts, (grid, steps_um), shared);
         Frame { scope, engine: Engine::Quadrant(quadrant), lines, grid, steps_px, tapered, convolution }
     }
 
@@ -342,7 +347,8 @@ impl Model {
     /// tolerance, which gives more rings and wavelengths if below 1.
     pub(super) fn with_share(&self, share: f64, finer: f64) -> Model {
         let (pupil, obstacles) = (self.pupil.clone(), self.obstacles.clone());
-        Model { pupil, obstacles, tolerance: finer * self.tolerance, share, ..*self }
+        let (kernels, tolerance) = (self.kernels.clone(), finer * self.tolerance);
+        Model { pupil, obstacles, tolerance, share, kernels, ..*self }
     }
 
     /// Largest displacement of light on the sensor due to aberrations, um, for the two axes; with a rotated
@@ -434,10 +440,10 @@ impl Model {
     pub(super) fn light(&self, frame: &Frame, z_um: f64, radius_um: f64) -> Light {
         checkpoint();
         let stride = match &frame.engine {
-            Engine::Round(_) => frame.grid[0],
-            Engine::Quadrant(quadrant) => quadrant.columns(),
-            Engine::General(general) if frame.convolution.is_none() => general.columns(),
-            Engine::General(_) => 2 * frame.grid[0] - 1,
+            Engine::General(_) if frame.convolution.is_some() => 2 * frame.grid[0] - 1,
+            Engine::General(general) => general.columns(),
+            Engine::Quadrant(quadrant) if frame.convolution.is_none() => quadrant.columns(),
+            Engine::Quadrant(_) | Engine::Round(_) => frame.grid[0],
         };
         if !self.pupil.sees(z_um - radius_um) {
             // Behind the lens: such planes are only neighbors of those in use.
@@ -446,32 +452,33 @@ impl Model {
         let useful =
             if frame.tapered { self.pupil.useful(z_um, self.corner_um(frame.scope.edge_px)) } else { None };
         let pixel = self.pixel_um * self.pixel_um;
+        let of_lines = |of_line: &dyn Fn(&Line) -> Vec<f64>| {
+            frame.lines.iter().map(|line| times(of_line(line), pixel * line.share)).collect()
+        };
+        let modes = |radii: &Radii, weights: &[f64], line: &Line| {
+            self.modes(radii, weights, z_um, radius_um, line, useful)
+        };
+        if let Some(convolution) = &frame.convolution {
+            let by_slices = |line: &Line| self.by_slices(frame, convolution, (z_um, radius_um), line, useful);
+            return Light { grids: of_lines(&by_slices), stride };
+        }
         let grids = match &frame.engine {
             Engine::Round(hankel) => {
                 let profiles = frame.lines.iter().map(|line| {
-                    let modes = self.modes(&hankel.radii, &hankel.weights, z_um, radius_um, line, useful);
+                    let modes = modes(&hankel.radii, &hankel.weights, line);
                     (pixel * line.share, hankel.profile(&modes, line.k(), self.k(), self.instructions))
                 });
                 let profiles: Vec<_> = profiles.collect();
                 vec![self.round_grid(frame, &profiles)]
             }
-            Engine::Quadrant(quadrant) => {
-                let of_line = |line: &Line| {
-                    let modes = self.modes(&quadrant.radii, &quadrant.weights, z_um, radius_um, line, useful);
-                    quadrant.light(&modes, line.k(), self.instructions)
-                };
-                frame.lines.iter().map(|line| times(of_line(line), pixel * line.share)).collect()
-            }
-            Engine::General(general) => {
-                let of_line = |line: &Line| {
-                    if let Some(convolution) = &frame.convolution {
-                        return self.by_slices(frame, general, convolution, (z_um, radius_um), line, useful);
-                    }
-                    let modes = self.modes(&general.radii, &general.weights, z_um, radius_um, line, useful);
-                    general.light(&modes, line.k(), self.instructions)
-                };
-                frame.lines.iter().map(|line| times(of_line(line), pixel * line.share)).collect()
-            }
+            Engine::Quadrant(quadrant) => of_lines(&|line| {
+                let modes = modes(&quadrant.radii, &quadrant.weights, line);
+                quadrant.light(&modes, line.k(), self.instructions)
+            }),
+            Engine::General(general) => of_lines(&|line| {
+                let modes = modes(&general.radii, &general.weights, line);
+                general.light(&modes, line.k(), self.instructions)
+            }),
         };
         Light { grids, stride }
     }
@@ -480,7 +487,6 @@ impl Model {
     fn by_slices(
         &self,
         frame: &Frame,
-        general: &General,
         convolution: &Convolution,
         (z_um, radius_um): (f64, f64),
         line: &Line,
@@ -489,10 +495,24 @@ impl Model {
         let end = useful.unwrap_or(self.pupil.aperture());
         let phases = line.k() * radius_um * self.pupil.sagitta(end);
         let depths_um = slices::depths(self.emission, radius_um, phases, self.tolerance);
-        let modes = self.bead(&general.radii, &general.weights, z_um, &[], line, useful).points(&depths_um);
-        let mut lights = general.lights(&modes, line.k(), self.instructions);
+        let points = |radii: &Radii, weights: &[f64]| {
+            self.bead(radii, weights, z_um, &[], line, useful).points(&depths_um)
+        };
+        let mut lights = match &frame.engine {
+            Engine::Round(_) => Vec::new(),
+            Engine::Quadrant(engine) => {
+                let points = points(&engine.radii, &engine.weights);
+                let lights = engine.lights(&points, line.k(), self.instructions).into_iter();
+                lights.map(|light| slices::whole(&light, engine.columns(), frame.grid)).collect()
+            }
+            Engine::General(general) => {
+                general.lights(&points(&general.radii, &general.weights), line.k(), self.instructions)
+            }
+        };
+        let drawn =
+            |light: Vec<f64>| if frame.is_mirrored() { slices::quadrant(&light, frame.grid) } else { light };
         if radius_um == 0.0 {
-            return lights.remove(0);
+            return drawn(lights.remove(0));
         }
         // Cycles per um of the sensor along the axes of the cylindrical lens, and of the particle's space.
         let scale = line.wavelength_um / self.wavelength_um * self.pixel_um;
@@ -508,7 +528,7 @@ impl Model {
             )
         };
         let sphere = Sphere { emission: self.emission, radius_um, depths_um: &depths_um };
-        convolution.sum(&sphere, &lights, frequency)
+        drawn(convolution.sum(&sphere, &lights, frequency))
     }
 
     /// Sums round images of all wavelengths on the grid.

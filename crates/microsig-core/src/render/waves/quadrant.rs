@@ -6,12 +6,15 @@
 //! so kernels are real: cosines or sines. They do not depend on depth. At another wavelength, they apply to
 //! scaled positions in the image.
 
+use std::sync::Arc;
+
 use super::interpolation::{self, Around};
 use super::matrix::{self, LANES, Panels};
-use super::modes::Modes;
+use super::modes::{Mode, Modes};
 use super::pupil::{Pupil, Radii};
 use crate::quadrature::gauss_legendre_on;
 use crate::render::instructions::InstructionSet;
+use crate::render::store::{self, Kernels};
 
 /// Number of parities: even and odd.
 const PARITIES: usize = 2;
@@ -41,39 +44,73 @@ pub(super) struct Quadrant {
     /// Points of the image: columns (a multiple of [`LANES`]) and rows.
     columns: usize,
     lines: usize,
-    /// By parity: for each t, [u x columns].
-    along_x: [Vec<Panels<f32>>; PARITIES],
-    /// By parity: [lines x t].
-    along_y: [Vec<f32>; PARITIES],
+    transform: Arc<Transform>,
     /// 1 / (2 pi sqrt(|Bx By|)): factor of the field, besides k.
     scale: f64,
 }
 
+/// What does not depend on the optics but for two angles.
+#[derive(Debug)]
+struct Transform {
+    /// By parity: for each t, [u x columns].
+    along_x: [Vec<Panels<f32>>; PARITIES],
+    /// By parity: [lines x t].
+    along_y: [Vec<f32>; PARITIES],
+}
+
+impl Transform {
+    /// For nodes t and u, and columns and lines. Along x and y, the angle from one column or line to the next of
+    /// light from the edge of the pupil is the product of the first two factors over the third.
+    fn new([t, u]: [&[f64]; 2], [columns, lines]: [usize; 2], [x, y]: [[f64; 3]; 2]) -> Transform {
+        let mut along_x = [(); PARITIES].map(|()| vec![Panels::zeros(u.len(), columns); t.len()]);
+        let mut along_y = [Vec::with_capacity(lines * t.len()), Vec::with_capacity(lines * t.len())];
+        for (row, t) in t.iter().enumerate() {
+            let cosine_t = libm::cos(*t);
+            for (across, u) in u.iter().enumerate() {
+                let (sine, cosine) = libm::sincos(x[0] * cosine_t * u * x[1] / x[2]);
+                let mut turn = [1.0, 0.0];
+                for column in 0..columns {
+                    along_x[0][row].set(across, column, turn[0] as f32);
+                    along_x[1][row].set(across, column, turn[1] as f32);
+                    turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
+                }
+            }
+        }
+        for line in 0..lines {
+            for t in t {
+                let (sine, cosine) = libm::sincos(y[0] * libm::sin(*t) * y[1] * line as f64 / y[2]);
+                along_y[0].push(cosine as f32);
+                along_y[1].push(sine as f32);
+            }
+        }
+        Transform { along_x, along_y }
+    }
+}
+
 impl Quadrant {
-    /// `end`: radius in the lens plane where the pupil ends, um; `counts`: numbers of nodes of t and u;
-    /// `places`: the image's columns and rows at steps of `steps_um`.
+    /// `end`: radius in the lens plane where the pupil ends, um; `counts`: numbers of nodes of t and u; then the
+    /// image's columns and rows, at steps of `steps_um`; `shared`: where kernels are shared with other optics.
     pub(super) fn new(
         pupil: &Pupil,
         k: f64,
         end: f64,
         counts: [usize; 2],
-        places: [usize; 2],
-        steps_um: [f64; 2],
+        (places, steps_um): ([usize; 2], [f64; 2]),
+        shared: Option<&Kernels>,
     ) -> Quadrant {
         let sigma_end = pupil.sigma(end);
         let radii = interpolation::radii(pupil, end);
         let weights = interpolation::weights(&radii);
+        let counts = if shared.is_some() { counts.map(|count| store::rounded(count, 8)) } else { counts };
 
         let [ax, bx] = pupil.across();
         let power = ax / bx - 1.0 / pupil.b();
         let (t, of_t) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, counts[0]);
         let (u, of_u) = gauss_legendre_on(0.0, 1.0, counts[1]);
         let mut nodes = Vec::with_capacity(t.len() * u.len());
-        let columns = places[0].next_multiple_of(LANES);
-        let mut along_x = [(); PARITIES].map(|()| vec![Panels::zeros(u.len(), columns); t.len()]);
-        for (row, (t, of_t)) in t.iter().zip(&of_t).enumerate() {
+        for (t, of_t) in t.iter().zip(&of_t) {
             let (sine_t, cosine_t) = libm::sincos(*t);
-            for (across, (u, of_u)) in u.iter().zip(&of_u).enumerate() {
+            for (u, of_u) in u.iter().zip(&of_u) {
                 let (x, y) = (cosine_t * u, sine_t);
                 let r = libm::sqrt(x * x + y * y);
                 let around = interpolation::around(r);
@@ -86,26 +123,22 @@ impl Quadrant {
                     cylinder: curvature * cosine * cosine * power,
                     area: 4.0 * sigma_end * sigma_end * cosine_t * cosine_t * of_t * of_u,
                 });
-                let angle = k * sigma_end * cosine_t * u * steps_um[0] / bx;
-                let (sine, cosine) = libm::sincos(angle);
-                let mut turn = [1.0, 0.0];
-                for column in 0..columns {
-                    along_x[0][row].set(across, column, turn[0] as f32);
-                    along_x[1][row].set(across, column, turn[1] as f32);
-                    turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
-                }
             }
         }
-        let lines = places[1];
-        let mut along_y = [Vec::with_capacity(lines * t.len()), Vec::with_capacity(lines * t.len())];
-        for line in 0..lines {
-            for t in &t {
-                let angle = k * sigma_end * libm::sin(*t) * steps_um[1] * line as f64 / pupil.b();
-                let (sine, cosine) = libm::sincos(angle);
-                along_y[0].push(cosine as f32);
-                along_y[1].push(sine as f32);
+        let (columns, lines) = (places[0].next_multiple_of(LANES), places[1]);
+        let b = [bx, pupil.b()];
+        let factors = [0, 1].map(|axis| [k * sigma_end, steps_um[axis], b[axis]]);
+        let transform = match shared {
+            None => Arc::new(Transform::new([&t, &u], [columns, lines], factors)),
+            Some(shared) => {
+                let billionths = factors.map(|[edge, step, b]| libm::rint(1e9 * edge * step / b));
+                let factors = billionths.map(|angle| [angle, 1e-9, 1.0]);
+                let counts = [t.len(), u.len(), columns, lines].map(|count| count as u64);
+                let key = [&counts[..], &billionths.map(f64::to_bits)].concat();
+                let bytes = PARITIES * t.len() * (u.len() * columns + lines) * size_of::<f32>();
+                shared.get(&key, || (Transform::new([&t, &u], [columns, lines], factors), bytes))
             }
-        }
+        };
         Quadrant {
             radii,
             weights,
@@ -114,8 +147,7 @@ impl Quadrant {
             nodes,
             columns,
             lines,
-            along_x,
-            along_y,
+            transform,
             scale: 1.0 / (2.0 * std::f64::consts::PI * libm::sqrt((bx * pupil.b()).abs())),
         }
     }
@@ -123,6 +155,15 @@ impl Quadrant {
     /// Number of columns of an image, a multiple of [`LANES`].
     pub(super) fn columns(&self) -> usize {
         self.columns
+    }
+
+    /// [`Quadrant::light`] of each mode.
+    pub(super) fn lights(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<Vec<f64>> {
+        let single = |mode: &Mode| {
+            let modes = Modes { phase: modes.phase.clone(), modes: vec![mode.clone()] };
+            self.light(&modes, k, instructions)
+        };
+        modes.modes.iter().map(single).collect()
     }
 
     /// Light per um^2 at all points of the image, row by row, of these modes at the wave number `k` (1/um).
@@ -136,7 +177,8 @@ impl Quadrant {
             if images.is_empty() {
                 continue;
             }
-            let (of_x, of_y) = (&self.along_x[class % PARITIES], &self.along_y[class / PARITIES]);
+            let (of_x, of_y) =
+                (&self.transform.along_x[class % PARITIES], &self.transform.along_y[class / PARITIES]);
             let parts = 2 * images.len();
             let wide = parts * self.columns;
             let mut half = Panels::zeros(self.rows, wide);

@@ -202,6 +202,23 @@ impl Convolution {
     }
 }
 
+/// A whole grid from its quadrant, whose first point is in the middle; rows of the quadrant have `stride`
+/// numbers.
+pub(super) fn whole(quadrant: &[f64], stride: usize, [columns, rows]: [usize; 2]) -> Vec<f64> {
+    let from_middle = |i: usize, n: usize| i.abs_diff(n - 1);
+    let row = |row: usize| {
+        let line = &quadrant[from_middle(row, rows) * stride..];
+        (0..2 * columns - 1).map(move |column| line[from_middle(column, columns)])
+    };
+    (0..2 * rows - 1).flat_map(row).collect()
+}
+
+/// The quadrant of a whole grid, without padding.
+pub(super) fn quadrant(whole: &[f64], [columns, rows]: [usize; 2]) -> Vec<f64> {
+    let lines = whole.chunks_exact(2 * columns - 1).skip(rows - 1);
+    lines.flat_map(|line| &line[columns - 1..]).copied().collect()
+}
+
 fn transposed(grid: &[Complex<f64>], columns: usize, rows: usize) -> Vec<Complex<f64>> {
     let mut out = Vec::with_capacity(grid.len());
     for column in 0..columns {

@@ -134,6 +134,9 @@ impl Waves {
     /// Half width and half height of a sphere's image, px, without building its table.
     fn extent_of_sphere_px(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
         let span = TableSpan { start_um: z_um, length_um: 0.0, radii: TableRadii::One(radius_um) };
-        self.draft(span, self.has_coma()).extent().map(|edge| edge as f64)
+        let draft = self.draft(span, self.has_coma());
+        // Without tables, the extents of a scenario would take as long as its images.
+        let edges = if self.is_without_tables() { draft.faint_edges() } else { draft.extent() };
+        edges.map(|edge| edge as f64)
     }
 }

@@ -75,9 +75,9 @@ fn layers_are_those_of_an_independent_program() {
             &pupil,
             k,
             [0.0, pupil.aperture()],
-            400,
-            (400, step_um),
-            1,
+            hankel::Counts { nodes: 400, columns: 400, orders: 1 },
+            step_um,
+            None,
             InstructionSet::best(),
         );
         let rings = bead::rings(Emission::Surface, 0.0, 0.0, 0);
@@ -123,6 +123,7 @@ fn short_waves_give_the_geometric_image() {
             inner_um: 0.0,
             tolerance: 1e-3,
             share: 1e-4,
+            kernels: None,
             instructions: InstructionSet::best(),
             pupil,
         };
@@ -157,8 +158,9 @@ fn pixels_see_the_mean_of_their_area() {
     let renderer = WavesRenderer::new(&Settings::setting1(), &WaveOptics::new(0.1), 1e-3).unwrap();
     let pupil = &renderer.model.model.pupil;
     let (k, z_um) = (2.0 * std::f64::consts::PI / 0.1, -40.0);
+    let counts = hankel::Counts { nodes: 400, columns: 400, orders: 34 };
     let kernel =
-        hankel::Hankel::new(pupil, k, [0.0, pupil.aperture()], 400, (400, 0.2), 34, InstructionSet::best());
+        hankel::Hankel::new(pupil, k, [0.0, pupil.aperture()], counts, 0.2, None, InstructionSet::best());
     let rings = bead::rings(Emission::Surface, 1.0, k * 0.3, 0);
     let (radii, weights) = (&kernel.radii, &kernel.weights);
     let modes = modes::Bead { pupil, radii, weights, z_um, rings: &rings, k, useful: None, share: 1e-5 };
