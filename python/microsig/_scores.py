@@ -207,9 +207,9 @@ def evaluate(
         ones; a data frame's index counts as a column if it has a name.
     :param format: the result's format, by default from its header
     :param gate: shape of the gate, by default ellipsoid with depth, radial without
-    :param gate_xy_px: radius of the gate in the image plane, px, of a box half its width, by default 2
-    :param gate_z_um: half height of the gate, um, by default a tenth of the depth range
-    :param dims: score in 2 or 3 dimensions, by default 3 if truth and result have a depth
+    :param gate_xy_px: radius of the gate in the image plane, px, of a box half its width, by default that of the dataset, or 2
+    :param gate_z_um: half height of the gate, um, by default that of the dataset, or a tenth of the depth range
+    :param dims: score in 2 or 3 dimensions, by default as the dataset states, or 3 if truth and result have a depth
     :param isbi_gate_px: radius of the gate of the ISBI scores, px, by default 5
     :param border_px: do not score particles this near to the edge of the image, px
     :param origin: where the result has the first pixel's center, by default as usual in its format

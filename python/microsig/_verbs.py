@@ -385,6 +385,9 @@ def release(
     test_set: Mapping[str, Any] | None = None,
     exact_times: bool = False,
     fields: bool = False,
+    gate_xy_px: float | None = None,
+    gate_z_um: float | None = None,
+    dims: Literal[2, 3] | None = None,
     codabench: bool = False,
     wheel: _Path | None = None,
     title: str | None = None,
@@ -405,6 +408,7 @@ def release(
     :param test_set: values of motion or particles in the test split by path, such as ``{"particles.number.count": 40}``
     :param exact_times: publish the exact times of the test split's frames
     :param fields: score displacement fields instead of particles
+    :param gate_xy_px, gate_z_um, dims: gates and dimensions of scoring, by default those of the dataset
     :param codabench: also write a bundle for the platform Codabench
     :param wheel: wheel of microsig for its scoring program
     :param title: title of the challenge
@@ -428,6 +432,9 @@ def release(
         .add("test_set", values)
         .add("exact_times", flag("exact_times", exact_times))
         .add("fields", flag("fields", fields))
+        .add("gate_xy_px", optional(real, "gate_xy_px", gate_xy_px))
+        .add("gate_z_um", optional(real, "gate_z_um", gate_z_um))
+        .add("dims", optional(one_of, "dims", dims, (2, 3)))
         .add("codabench", flag("codabench", codabench))
         .add("wheel", wheel)
         .add("title", title)

@@ -97,29 +97,33 @@ def check(
 def score(
     suite: _Path,
     datasets: _Path,
-    results: _Path,
+    results: _Path | Iterable[_Path],
     out: _Path,
     *,
     track: str | None = None,
     case: str | None = None,
+    against: _Path | None = None,
     site: _Path | None = None,
+    late: bool = False,
     seed: int = 0,
     force: bool = False,
 ) -> dict[str, Any]:
     """Score all results of a suite, ranked case by case.
 
-    :param datasets: the generated suite
-    :param results: ``RESULTS/TRACKER/TRACK/CASE/results.csv``
+    :param datasets: the generated or released suite
+    :param results: folders of ``TRACKER/TRACK/CASE/results.csv`` or ``TRACKER.zip``
     :param out: folder of the scores
+    :param against: folder of a published leaderboard, such as ``results/leaderboard/small``, whose results are ranked, too
     :param site: folder of a site of the leaderboard, to be hosted by copying it
+    :param late: also score submissions whose files are newer than the deadline
     :param seed: seed of the bootstrap
     :returns: cases with their scores and ranks, as in ``suite_scores.json``
     :raises ValueError: a result that cannot be read
     :raises FileExistsError: the folder exists
     :raises OSError: a file cannot be read or written
     """
-    options = _selected(Options("suite", "score"), track, case).add("results", Path(results))
-    options.add("site", site)
+    options = _selected(Options("suite", "score"), track, case).add("results", results)
+    options.add("against", against).add("site", site).add("late", flag("late", late))
     options.add("seed", whole("seed", seed, 0, LAST_SEED))
     options.add("force", flag("force", force)).add("out", Path(out))
     result: dict[str, Any] = options.call(suite, datasets)[0]
@@ -140,10 +144,13 @@ def release(
     new_keys: bool = False,
     codabench: bool = False,
     wheel: _Path | None = None,
+    baselines: Iterable[str] = (),
     progress: Progress = False,
 ) -> Any:
-    """Make a challenge of each case: ``OUT/TRACK/CASE/{public,withheld}``; arguments as of :func:`microsig.release`.
+    """Make a challenge of each case, ``OUT/TRACK/CASE/{public,withheld}``, and the folder ``OUT/public`` to be published; arguments as
+    of :func:`microsig.release`.
 
+    :param baselines: methods of :func:`microsig.track` that run on the published test splits, into ``OUT/baselines``
     :param datasets: the generated suite, whose train splits become those of the challenges
     :returns: a dict for every challenge
     :raises ValueError: a dataset that does not verify
@@ -156,4 +163,5 @@ def release(
     options.add("resume", flag("resume", resume)).add("force", flag("force", force))
     options.add("new_keys", flag("new_keys", new_keys))
     options.add("codabench", flag("codabench", codabench)).add("wheel", wheel)
+    options.add("baselines", [str(method) for method in baselines])
     return options.add("out", Path(out)).call(suite, datasets, progress=progress)[0]

@@ -36,6 +36,24 @@ def test_particles_are_rendered_as_the_command_does(tmp_path):
     assert ms.render(quiet, np.zeros((0, 4))).max() == quiet["background_mean"]
 
 
+def test_scores_follow_the_rules_of_the_dataset_as_the_command_does(tmp_path):
+    rules = {"gate_xy_px": 0.5, "dims": 2, "rank_by": ["rmse_xy_px", "f1"]}
+    dataset = ms.generate(SMALL, set={"scoring": rules})
+    folder = dataset.save(tmp_path / "d")
+    found = {name: np.array(dataset.tracks[name]) for name in ("frame", "track", "x_px", "y_px", "z_um")}
+    found["x_px"] = found["x_px"] + 0.7 * (np.arange(len(found["frame"])) % 2)
+    table = np.column_stack([found[name] for name in found])
+    np.savetxt(tmp_path / "r.csv", table, delimiter=",", header=",".join(found), comments="", fmt="%.17g")
+    ran = command("evaluate", folder, tmp_path / "r.csv", "--json", "--quiet")
+    of_command = json.loads(ran.stdout)
+    for place in (dataset, folder):
+        score = ms.evaluate(place, found)
+        assert score["detection"] == of_command["detection"]
+        assert (score["definitions"]["gate"]["xy_px"], score["definitions"]["dims"]) == (0.5, 2)
+        assert score["definitions"]["rank_by"] == rules["rank_by"]
+    assert ms.evaluate(dataset, found, gate_xy_px=2)["detection"]["f1"] > of_command["detection"]["f1"]
+
+
 @pytest.mark.parametrize(
     ("particles", "says"),
     [

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use suite::microsig::{fail, microsig, path, run, text};
+use suite::microsig::{fail, microsig, path, run};
 
 use crate::release::{CHALLENGE, submission, unpack};
 
@@ -23,7 +23,11 @@ fn sha256(files: &[PathBuf]) -> String {
 #[test]
 fn the_truth_is_published_after_the_deadline_and_is_the_promised_one() {
     let place = tempfile::tempdir().unwrap();
-    let over = challenge(place.path(), "over", &["--deadline", "2020-02-29"]);
+    let over = challenge(place.path(), "over", &["--deadline", "9999-12-31"]);
+    // Until it is over.
+    let manifest = over.join("public/datapackage.json");
+    let text = fs::read_to_string(&manifest).unwrap();
+    fs::write(&manifest, text.replace("9999-12-31", "2020-02-29")).unwrap();
     let before = suite::tree(&over).unwrap();
     let truth = place.path().join("truth");
     run(&["reveal", path(&over), "--out", path(&truth)]);
@@ -95,17 +99,20 @@ fn before_the_deadline_only_an_option_publishes_the_truth() {
 fn a_submission_is_told_the_deadline() {
     let place = tempfile::tempdir().unwrap();
     for (day, is_over) in [("9999-12-31", false), ("2020-02-29", true)] {
-        let out = challenge(place.path(), day, &["--deadline", day]);
+        let out = challenge(place.path(), day, &["--deadline", "9999-12-31"]);
         let unpacked = place.path().join(format!("{day}-test"));
         unpack(&out.join("public/small-test.zip"), &unpacked);
         let test = unpacked.join("small-test");
+        let manifest = test.join("datapackage.json");
+        let text = fs::read_to_string(&manifest).unwrap();
+        fs::write(&manifest, text.replace("9999-12-31", day)).unwrap();
         let sums = fs::read_to_string(test.join("SHA256SUMS")).unwrap();
         let images: String =
             sums.lines().filter(|l| l.contains("  images/")).map(|l| format!("{l}\n")).collect();
         let own = place.path().join(format!("{day}-of"));
         let good = submission(&own, &suite::sha256_of(images.as_bytes()));
         let output = microsig().args(["check-submission", path(&test), path(&good)]).output().unwrap();
-        let text = text(&[output.stdout, output.stderr].concat());
+        let text = suite::microsig::text(&[output.stdout, output.stderr].concat());
         assert!(output.status.success() && text.contains(&format!("; deadline {day}")), "{text}");
         assert_eq!(text.contains("has passed"), is_over, "{text}");
     }

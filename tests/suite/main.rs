@@ -5,6 +5,7 @@ mod baselines;
 mod boxes;
 mod camera;
 mod centroid;
+mod chain;
 mod challenge;
 mod codabench;
 mod command;

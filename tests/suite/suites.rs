@@ -350,7 +350,7 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     // The same is told before an upload.
     let mine = results.join("perfect");
     let check = |folder: &Path| run(&["check-submission", datasets, path(folder), "--suite", suite]);
-    assert!(check(&mine).contains("1 of 2 cases can be scored, 1 missing"));
+    assert!(check(&mine).contains("1 of 2 cases can be scored; 1 missing, behind all others: P2/noise_0.5"));
     let message = fail(2, &["check-submission", datasets, path(&results.join("broken")), "--suite", suite]);
     assert!(message.contains("results.csv:2: "), "{message}");
 
@@ -359,7 +359,7 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     std::fs::write(results.join("spots/P2/noise_3/results.csv"), "frame,x_px,y_px\n").unwrap();
     let own = results.join("spots");
     let message = fail(2, &["check-submission", datasets, path(&own), "--suite", suite]);
-    assert!(message.contains("noise_3/results.csv: the suite has no such case"), "{message}");
+    assert!(message.contains("spots/P2/noise_3: track P2 has no such case at size smoke"), "{message}");
     let message = fail(2, &[&all[..], &["--force"]].concat());
     assert!(message.contains("spots/P2/noise_3: track P2 has no such case at size smoke"), "{message}");
 }

@@ -255,7 +255,9 @@ fn suite() {
     }
     let out = place.path().join("scores");
     let options = ScoreOptions {
-        results,
+        results: vec![results],
+        against: None,
+        late: false,
         out: out.clone(),
         site: None,
         force: false,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::TrackRow;
-use crate::manifest::{Manifest, RECORDING, ResultKind, SensorFacts};
+use crate::manifest::{Manifest, RECORDING, ResultKind, ScoringRules, SensorFacts};
 use crate::table::Row;
 use storage::error::{Error, Result};
 use storage::folder::is_partial;
@@ -62,6 +62,8 @@ pub struct RecordingFacts {
     pub is_for_particles_only: bool,
     /// Whether only displacement fields are scored.
     pub is_for_fields_only: bool,
+    /// How results are scored and ranked, where the dataset states it.
+    pub rules: ScoringRules,
 }
 
 impl RecordingFacts {
@@ -121,6 +123,7 @@ impl RecordingFacts {
             has_all_particles: own.known.as_ref().is_some_and(|known| known.all_particles),
             is_from_key: own.seed == Some(None),
             is_for_fields_only: own.scored.as_ref().is_some_and(|s| !s.contains(&ResultKind::Particles)),
+            rules: own.scoring.clone().unwrap_or_default(),
             is_for_particles_only: own.scored.as_ref().is_some_and(|s| !s.contains(&ResultKind::Fields)),
         }
     }
@@ -163,9 +166,10 @@ impl RecordingFacts {
         Ok(())
     }
 
-    /// Whether images tell depth, so that results of a challenge need it.
+    /// Whether results of a challenge need a depth: by its rules, or because images tell depth.
     pub fn is_scored_in_depth(&self) -> bool {
-        self.depth_h_um().is_some() && !self.is_all_in_focus
+        let by_images = self.depth_h_um().is_some() && !self.is_all_in_focus;
+        self.rules.dims.map_or(by_images, |dims| dims == 3)
     }
 
     /// The depth range, um; `None` if it is unknown or empty.

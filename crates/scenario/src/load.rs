@@ -369,7 +369,7 @@ mod tests {
         assert_eq!(code, 2);
         let expected = [
             "s.ron:2:18: unknown key `optics.gian`; did you mean `gain`?",
-            "s.ron:2:28: unknown key `flavour`; expected one of name, description, license, seed, optics, sensor, motion, particles, boundaries, timing, illumination, render, image_format, truth, truth_grid, calibration",
+            "s.ron:2:28: unknown key `flavour`; expected one of name, description, license, seed, optics, sensor, motion, particles, boundaries, timing, illumination, render, image_format, truth, truth_grid, calibration, scoring",
             "s.ron:4:40: unknown key `motion.flow.field.poiseuille.max_sped_um_s`; did you mean `max_speed_um_s`?",
             "s.ron:5:25: boundaries.x: unknown variant `opne`: did you mean `open`? expected one of open, wall, periodic",
             "s.ron:5:46: boundaries.bodies.0.sphere: `center_um` is missing",

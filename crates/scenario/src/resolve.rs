@@ -40,6 +40,9 @@ use storage::error::{Error, Result};
 pub fn resolve(mut spec: Spec, folder: &Path, context: &Context) -> Result<Scenario> {
     let mut found = Findings::new(folder, context);
     name(&spec.name, &mut found.problems);
+    if spec.scoring.as_ref().is_some_and(|rules| rules.dims == Some(2) && rules.gate_z_um.is_some()) {
+        found.problems.other("scoring.gate_z_um", "has no meaning with `dims: 2`, in the image plane");
+    }
     let whole = Sections::resolve(&mut spec, &mut found).and_then(|s| s.joined(&mut spec, &mut found));
     let Findings { inputs, problems, mut warnings, .. } = found;
     let Some(whole) = whole.filter(|_| !problems.any()) else {

@@ -6,6 +6,7 @@
 
 use std::sync::LazyLock;
 
+use dataset::manifest::ScoringRules;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::{Lens, WaveOptics};
 use microsig_core::render::{GaussianSpot, RenderMethod, RendererSpec};
@@ -92,6 +93,10 @@ pub struct Spec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "stack, or none for Gaussian spots"))]
     pub calibration: Option<Calibration>,
+    /// How results are scored and ranked: the defaults of `evaluate`, `compare` and challenges.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "the gates of `evaluate`"))]
+    pub scoring: Option<ScoringRules>,
 }
 
 /// The language of scenarios.
@@ -124,6 +129,7 @@ impl Spec {
             truth: TruthColumns::default(),
             truth_grid: None,
             calibration: None,
+            scoring: None,
         }
     }
 

@@ -9,9 +9,12 @@ use super::croissant;
 use super::deadline::{Deadline, UNTIL};
 use super::splits::Train;
 use super::{COMMITMENT, SALT};
-use dataset::manifest::{self, GENERATOR_VERSION, ResultKind, ZERO_OF_DATASETS, coordinates};
+use dataset::manifest::{
+    self, GENERATOR_VERSION, ResultKind, ScoringGates, ScoringRules, ZERO_OF_DATASETS, coordinates,
+};
 use dataset::{CalibrationRow, Row, TrackRow};
 use scenario::license::License;
+use scoring::ranking::ScoreDef;
 use storage::checksums::Fingerprint;
 
 /// Bibliographic data of a release.
@@ -42,6 +45,9 @@ pub(super) struct ReleaseTexts<'a> {
     calibrated: bool,
     /// What is scored: particles, fields.
     pub(super) scored: Vec<ResultKind>,
+    /// How it is scored, where the dataset states it.
+    rules: Option<ScoringRules>,
+    gates: Option<ScoringGates>,
     /// Whether the train split reveals the velocity field of the test split.
     is_flow_known: bool,
 }
@@ -96,6 +102,8 @@ impl Publication {
             in_focus,
             calibrated,
             scored: scored.to_vec(),
+            rules: train.scenario.spec.scoring.clone(),
+            gates: manifest.microsig.scoring_gates,
             is_flow_known,
         }
     }
@@ -128,6 +136,29 @@ impl ReleaseTexts<'_> {
         }
     }
 
+    /// The gates, and the scores that rank.
+    fn how_it_is_scored(&self) -> String {
+        let rules = self.rules.clone().unwrap_or_default();
+        let mut text = String::new();
+        if let Some(gates) = self.gates.filter(|_| !self.is_for_fields()) {
+            let along_z = format!(" and {} um along z", gates.z_um);
+            let [along_z, dims] = match rules.dims {
+                Some(2) => ["", ", in the image plane"],
+                Some(_) => [&*along_z, ", with depth"],
+                None => [&*along_z, ", with depth if truth and result have one"],
+            };
+            text = format!(
+                "A point can belong to a particle within {} px in the image plane{along_z}{dims}. ",
+                gates.xy_px
+            );
+        }
+        let titles: Vec<String> = rules.rank_by.iter().map(|metric| ScoreDef::of(*metric).title()).collect();
+        if !titles.is_empty() {
+            text += &format!("Results are ranked by {}, in this order. ", titles.join(", "));
+        }
+        text
+    }
+
     fn focus(&self) -> &'static str {
         if self.in_focus { "all in focus" } else { "out of focus" }
     }
@@ -144,7 +175,7 @@ impl ReleaseTexts<'_> {
         format!(
             "# {title}\n\n\
              A challenge for {trackers}: synthetic images with known ground truth, which is withheld for the test \
-             split. {scored}\n\n\
+             split. {scored} {rules}\n\n\
              {timetable}\
              | file | contents |\n|---|---|\n\
              | `{name}-train.zip` | images with truth, for development and training |\n\
@@ -175,6 +206,7 @@ impl ReleaseTexts<'_> {
             title = self.title,
             timetable = self.timetable(),
             scored = self.what_is_scored().trim_end(),
+            rules = self.how_it_is_scored().trim_end(),
             results = if self.is_for_fields() { "vectors" } else { "points" },
             trackers = if self.is_for_fields() {
                 "PIV"
@@ -210,7 +242,7 @@ impl ReleaseTexts<'_> {
              - `submission/`: the template. `microsig check-submission . SUBMISSION` checks a submission without the truth.\n\n\
              ## Axes and units\n\n{axes}\n\n\
              ## Submitting\n\n\
-             {timetable}{scored}{of_particles}{of_fields}\n\n\
+             {timetable}{scored}{rules}{of_particles}{of_fields}\n\n\
              `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and enter the hash of the images you used \
              in `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
              ## License\n\n{license}; see `LICENSE`.\n",
@@ -219,6 +251,7 @@ impl ReleaseTexts<'_> {
             focus = self.focus(),
             timetable = self.timetable(),
             scored = self.what_is_scored(),
+            rules = self.how_it_is_scored(),
             of_particles = if self.is_for_fields() { String::new() } else { of_particles(self.in_focus) },
             of_fields = if self.scored == [ResultKind::Particles] { "" } else { OF_FIELDS },
             license = self.license.id,
@@ -327,6 +360,7 @@ impl ReleaseTexts<'_> {
                 "splits": ["train", "val", "test"],
                 "commitment_sha256": self.commitment,
                 "deadline": self.deadline.map(|deadline| deadline.to_string()),
+                "scoring": self.rules,
             },
             "resources": resources,
         });

@@ -9,7 +9,7 @@ use chrono::{DateTime, Days, NaiveDate, NaiveTime, Utc};
 pub struct Deadline(NaiveDate);
 
 /// How long the day lasts in the last time zone (UTC-12), in words.
-pub(super) const UNTIL: &str = "the end of that day anywhere on Earth, 12:00 UTC on the next day";
+pub(crate) const UNTIL: &str = "the end of that day anywhere on Earth, 12:00 UTC on the next day";
 
 impl std::str::FromStr for Deadline {
     type Err = String;
@@ -37,7 +37,7 @@ impl Deadline {
     }
 
     /// Whether it is over.
-    pub(super) fn has_passed(self, now: SystemTime) -> bool {
+    pub(crate) fn has_passed(self, now: SystemTime) -> bool {
         DateTime::<Utc>::from(now) >= self.end()
     }
 }

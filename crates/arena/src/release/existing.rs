@@ -9,7 +9,8 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::{MARK, ReleaseOptions};
-use dataset::manifest::MANIFEST;
+use dataset::manifest::{MANIFEST, Manifest, ScoringRules};
+use scenario::SCENARIO;
 use storage::advice;
 use storage::advice::flag;
 use storage::checksums::SHA256SUMS;
@@ -64,8 +65,21 @@ fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
     if manifest["version"].as_str() != Some(version) {
         return refuse(&format!("does not have version {version}"));
     }
+    let of_dataset = Manifest::read(dataset)?.microsig.scoring.unwrap_or_default();
+    let is_ruled = options.rules != ScoringRules::default();
+    let rules =
+        if is_ruled { ScoringRules { suite: None, ..options.rules.or(&of_dataset) } } else { of_dataset };
+    let found = serde_json::from_value(manifest["microsig"]["scoring"].clone());
+    if !found.is_ok_and(|found: Option<ScoringRules>| found.unwrap_or_default() == rules) {
+        return refuse("was made with other gates");
+    }
+    // With gates of the release, train has another scenario, card and manifest than the dataset.
+    let changed = [SCENARIO, MANIFEST, "README.md"];
+    let is_kept =
+        |line: &&str| !(is_ruled && changed.iter().any(|file| line.ends_with(&format!("  {file}"))));
     let sums = storage::read_text(&dataset.join(SHA256SUMS))?;
-    if sums_of_train(out, name).as_deref() == Some(&sums) {
+    let of_train = sums_of_train(out, name).unwrap_or_default();
+    if of_train.lines().filter(is_kept).eq(sums.lines().filter(is_kept)) {
         return Ok(());
     }
     refuse(&format!("was not made from {}", dataset.display()))

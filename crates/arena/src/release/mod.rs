@@ -26,13 +26,14 @@ mod existing;
 mod overlap;
 mod reveal;
 mod splits;
-mod submission;
+pub(crate) mod submission;
 mod test_split;
 #[cfg(test)]
 mod tests;
 
 pub use about::Publication;
 pub use deadline::Deadline;
+pub(crate) use deadline::UNTIL;
 pub use reveal::{RevealOptions, Revealed, reveal};
 pub use scenario::derived_seed;
 pub use submission::{Submission, SubmissionFiles, Validated, limits, validate};
@@ -44,11 +45,12 @@ use microsig_core::render::Context;
 use serde::Serialize;
 
 use crate::package::Package;
-use dataset::manifest::{MANIFEST, ResultKind};
+use dataset::manifest::{MANIFEST, ResultKind, ScoringRules};
 use generator::dataset::secret;
 use generator::runner::{GenerateOptions, Progress, generate};
 use scenario::license::LICENSE;
 use scenario::{Assignment, Scenario};
+use scoring::ranking::ranks_fields;
 use splits::Train;
 use storage::OutputFolder;
 use storage::advice;
@@ -80,6 +82,8 @@ pub struct ReleaseOptions {
     /// Whether to score displacement fields instead of particles, even if the train split reveals the
     /// velocity field of the test split.
     pub fields: bool,
+    /// How results are scored; what is not given follows from the dataset.
+    pub rules: ScoringRules,
     /// Whether to write a bundle for Codabench.
     pub codabench: bool,
     /// The Python wheel of microsig that the bundle's scoring program installs.
@@ -126,14 +130,21 @@ const MARK: &str = "public/commitment.sha256";
 /// Creates the release, atomically; `None` if it is to be resumed but is already finished.
 ///
 /// # Errors
-/// A dataset that does not verify or whose truth cannot be hidden; an existing release, unless `resume`, or
+/// A deadline that has passed; a dataset that does not verify or whose truth cannot be hidden; an existing release, unless `resume`, or
 /// `force` and `new_keys`; an I/O error.
 pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Released>> {
     let start = Instant::now();
     if existing::is_there(dataset, options)? {
         return Ok(None);
     }
-    let train = Train::open(dataset, &options.context)?;
+    if let Some(day) = options.deadline.filter(|day| day.has_passed(SystemTime::now())) {
+        return Err(Error::option(advice!(option("deadline").of(day), ": has passed")));
+    }
+    let mut train = Train::open(dataset, &options.context)?;
+    let is_ruled = options.rules != ScoringRules::default();
+    if is_ruled {
+        train.rule(&options.rules)?;
+    }
     let (val, test) = (train.val(dataset, options)?, train.test(dataset, options)?);
     let name = &train.scenario.spec.name;
 
@@ -143,6 +154,14 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     keep_private(withheld.path())?;
 
     let archive = |split: &str| format!("{name}-{split}.zip");
+    let ruled;
+    let dataset = if is_ruled {
+        ruled = partial.folder().nested("train")?;
+        make(&train.scenario, &ruled, options.progress.clone())?;
+        ruled.as_path()
+    } else {
+        dataset
+    };
     whole(dataset)?.zip(&format!("{name}-train"), &public, &archive("train"))?;
 
     let folder = partial.folder().nested("val")?;
@@ -153,7 +172,8 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let folder = withheld.nested("test")?;
     make(&test, &folder, options.progress.clone())?;
     let is_flow_known = compare(dataset, &folder)?;
-    let scored = match (options.fields, is_flow_known) {
+    let of_fields = options.fields || ranks_fields(&train.rules().rank_by);
+    let scored = match (of_fields, is_flow_known) {
         (true, _) => vec![ResultKind::Fields],
         (false, true) => vec![ResultKind::Particles],
         (false, false) => vec![ResultKind::Particles, ResultKind::Fields],
@@ -179,15 +199,12 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     }
     withheld.save_bytes("README.md", about.withheld())?;
     publish(&public, &about)?;
+    if is_ruled {
+        remove_own(dataset)?;
+    }
     partial.finish(Earlier::new(MARK, options.force && options.new_keys))?;
     let mut warnings = Vec::new();
-    warnings.extend(
-        options
-            .deadline
-            .filter(|of| of.has_passed(SystemTime::now()))
-            .map(|of| format!("the deadline {of} has passed")),
-    );
-    if options.fields && is_flow_known {
+    if of_fields && is_flow_known {
         warnings.push(
             "the train split reveals the velocity field of the test split, which does not depend on random numbers; fields are scored \
             nevertheless, as README.md states; a different flow can be set for the test split"

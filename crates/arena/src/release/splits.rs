@@ -10,12 +10,13 @@ use microsig_core::render::Context;
 use microsig_core::stream::Streams;
 
 use super::ReleaseOptions;
-use dataset::manifest::{GENERATOR_VERSION, Manifest};
+use dataset::manifest::{GENERATOR_VERSION, Manifest, ScoringGates, ScoringRules};
 use generator::dataset::secret;
 use generator::runner::Progress;
 use generator::runner::verify;
 use scenario::spec::{Calibration, Motion, Number};
 use scenario::{self, Assignment, Scenario, Split, reseeded, resolve, set, sized};
+use scoring::evaluate::EvaluateOptions;
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
@@ -51,6 +52,30 @@ impl Train {
         let (scenario, _) = scenario::of_dataset(dataset, context)?;
         check(&scenario)?;
         Ok(Train { scenario, manifest })
+    }
+
+    /// How results are scored, where the dataset states it.
+    pub(super) fn rules(&self) -> ScoringRules {
+        self.scenario.spec.scoring.clone().unwrap_or_default()
+    }
+
+    /// Changes how results are scored: the dataset of a suite is then none of the suite any more.
+    ///
+    /// # Errors
+    /// Gates out of range, or that contradict each other.
+    pub(super) fn rule(&mut self, rules: &ScoringRules) -> Result<()> {
+        let &ScoringRules { gate_xy_px, gate_z_um, dims, .. } = rules;
+        EvaluateOptions { gate_xy_px, gate_z_um, dims, ..EvaluateOptions::default() }.check()?;
+        let rules = ScoringRules { suite: None, ..rules.or(&self.rules()) };
+        if rules.dims == Some(2) && rules.gate_z_um.is_some() {
+            let what = ": has no meaning in the image plane";
+            return Err(Error::option(advice!(option("gate_z_um"), what)));
+        }
+        if let Some([low, high]) = self.manifest.microsig.depth_range_um {
+            self.manifest.microsig.scoring_gates = Some(ScoringGates::by(Some(&rules), high - low));
+        }
+        self.scenario.spec.scoring = Some(rules);
+        Ok(())
     }
 
     /// The scenario of the validation split.

@@ -1,16 +1,17 @@
 //! Submissions: folders or zip archives with `results.csv` and `submission.json`, validated without the
 //! truth.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::deadline::Deadline;
 use dataset::RecordingFacts;
-use dataset::manifest::{Manifest, ResultKind};
+use dataset::manifest::{Manifest, ResultKind, SuitePlace};
 use scoring::evaluate::measurement;
 use scoring::results::{self, Conventions, Format, Limits, TrackerResult};
 use storage::checksums::{SHA256SUMS, images_digest};
@@ -19,9 +20,9 @@ use storage::input;
 use storage::{InputFile, TemporaryFolder};
 
 /// Name of the file with the points or vectors.
-pub(super) const RESULTS: &str = "results.csv";
+pub(crate) const RESULTS: &str = "results.csv";
 /// Name of the file with the metadata.
-pub(super) const SUBMISSION: &str = "submission.json";
+pub(crate) const SUBMISSION: &str = "submission.json";
 
 /// Template of `results.csv`: its header for particles.
 const OF_PARTICLES: &str = "frame,track,x_px,y_px,z_um\n";
@@ -29,7 +30,7 @@ const OF_PARTICLES: &str = "frame,track,x_px,y_px,z_um\n";
 const OF_FIELDS: &str = "pair,x_px,y_px,dx_px,dy_px,flag\n";
 
 /// Template of `results.csv`: its header.
-pub(super) fn results_header(is_for_fields: bool) -> &'static str {
+pub(crate) fn results_header(is_for_fields: bool) -> &'static str {
     if is_for_fields { OF_FIELDS } else { OF_PARTICLES }
 }
 
@@ -38,7 +39,7 @@ const DECLARATION: &str = "x_px to the right and y_px downward, center of the to
 um, growing away from the lens; frames from 0";
 
 /// The largest `submission.json`, bytes.
-const LARGEST_ABOUT: u64 = 1 << 20;
+pub(crate) const LARGEST_ABOUT: u64 = 1 << 20;
 
 /// `submission.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -59,10 +60,23 @@ pub struct Submission {
     /// Coordinate convention of `results.csv`; must equal the text of the template.
     pub coordinate_declaration: String,
     /// SHA-256 of the list of images used: `grep ' images/' SHA256SUMS | sha256sum`.
-    pub images_sha256: String,
+    pub images_sha256: ImagesHash,
+    /// The suite with version and size, if the images belong to one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub suite: Option<String>,
     /// Further remarks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub notes: Option<String>,
+}
+
+/// Hash of the images that were used.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected a SHA-256 or, for a suite, one for each TRACK/CASE")]
+pub enum ImagesHash {
+    /// Of one test split.
+    Split(String),
+    /// Of the test splits of a suite, by `TRACK/CASE`.
+    Cases(BTreeMap<String, String>),
 }
 
 impl Submission {
@@ -76,8 +90,8 @@ impl Submission {
 }
 
 /// Template of `submission.json`.
-pub(super) fn template() -> String {
-    let template = json!({
+pub(crate) fn template(suite: Option<&str>, images_sha256: &Value) -> String {
+    let mut template = json!({
         "team": "",
         "method": "",
         "version": "",
@@ -85,8 +99,11 @@ pub(super) fn template() -> String {
         "runtime_s": null,
         "hardware": "",
         "coordinate_declaration": DECLARATION,
-        "images_sha256": "",
+        "images_sha256": images_sha256,
     });
+    if let Some(suite) = suite {
+        template["suite"] = suite.into();
+    }
     format!("{template:#}\n")
 }
 
@@ -132,37 +149,16 @@ impl SubmissionFiles {
             let given = path.to_owned();
             return Ok(SubmissionFiles { folder: given.clone(), given, _unpacked: None });
         }
-        let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));
-        let mut archive = zip::ZipArchive::new(input::open(path)?)
-            .map_err(|e| wrong(format!("not a complete ZIP archive: {e}")))?;
         let place = TemporaryFolder::new()?;
-        for (name, most) in [(RESULTS, limits.bytes), (SUBMISSION, LARGEST_ABOUT)] {
-            // At the top level, or one folder below it.
-            let is_it = |n: &str| n == name || n.split_once('/').is_some_and(|(_, rest)| rest == name);
-            let named = |i: &usize| archive.name_for_index(*i).is_some_and(|n| n.is_ok_and(|n| is_it(&n)));
-            let found: Vec<usize> = (0..archive.len()).filter(named).collect();
-            let at = match found[..] {
-                [] => return Err(wrong(format!("contains no {name}"))),
-                [at] => at,
-                _ => {
-                    return Err(wrong(format!(
-                        "contains {} entries named {name}; expected one",
-                        found.len()
-                    )));
-                }
-            };
-            let entry = archive.by_index(at).map_err(|e| wrong(e.to_string()))?;
-            if entry.is_symlink() {
-                return Err(wrong(format!("{name} is a symbolic link; expected a regular file")));
-            }
-            let out = place.path().join(name);
-            let mut file = std::fs::File::create(&out).map_err(Error::write(&out))?;
-            // The size stated in the archive is not trusted.
-            let n = std::io::copy(&mut entry.take(most.saturating_add(1)), &mut file)
-                .map_err(|e| wrong(e.to_string()))?;
-            if n > most {
-                return Err(wrong(format!("{name} is larger than {most} bytes, the limit for this dataset")));
-            }
+        let found = unpack(path, path, place.path(), |parts| {
+            Ok(match parts {
+                [RESULTS] | [_, RESULTS] => Some((RESULTS.to_owned(), limits.bytes)),
+                [SUBMISSION] | [_, SUBMISSION] => Some((SUBMISSION.to_owned(), LARGEST_ABOUT)),
+                _ => None,
+            })
+        })?;
+        if let Some(name) = [RESULTS, SUBMISSION].iter().find(|name| !found.contains(**name)) {
+            return Err(Error::input(format!("{}: contains no {name}", path.display())));
         }
         let given = path.to_owned();
         Ok(SubmissionFiles { given, folder: place.path().to_owned(), _unpacked: Some(place) })
@@ -182,11 +178,54 @@ impl SubmissionFiles {
     }
 }
 
+/// Unpacks the files of an archive, called `given` in messages, to which `wanted` gives a path in `out` and a largest size in
+/// bytes, by the parts of their names. Returns these paths.
+///
+/// # Errors
+/// An archive that is invalid; a wanted file that is larger, a link, or there several times; errors of `wanted`.
+pub(crate) fn unpack(
+    path: &Path,
+    given: &Path,
+    out: &Path,
+    wanted: impl Fn(&[&str]) -> Result<Option<(String, u64)>>,
+) -> Result<BTreeSet<String>> {
+    let wrong = |what: String| Error::input(format!("{}: {what}", given.display()));
+    let mut archive = zip::ZipArchive::new(input::open(path)?)
+        .map_err(|e| wrong(format!("not a complete ZIP archive: {e}")))?;
+    let mut found: BTreeMap<String, (Vec<usize>, u64)> = BTreeMap::new();
+    for at in 0..archive.len() {
+        let Some(Ok(name)) = archive.name_for_index(at) else { continue };
+        if let Some((to, most)) = wanted(&name.split('/').collect::<Vec<_>>())? {
+            found.entry(to).or_insert((Vec::new(), most)).0.push(at);
+        }
+    }
+    for (to, (places, most)) in &found {
+        let [at] = places[..] else {
+            return Err(wrong(format!("contains {} entries named {to}; expected one", places.len())));
+        };
+        let entry = archive.by_index(at).map_err(|e| wrong(e.to_string()))?;
+        if entry.is_symlink() {
+            return Err(wrong(format!("{to} is a symbolic link; expected a regular file")));
+        }
+        let whole = out.join(to);
+        let above = whole.parent().unwrap_or(out);
+        std::fs::create_dir_all(above).map_err(Error::write(above))?;
+        let mut file = std::fs::File::create(&whole).map_err(Error::write(&whole))?;
+        // The size stated in the archive is not trusted.
+        let n = std::io::copy(&mut entry.take(most.saturating_add(1)), &mut file)
+            .map_err(|e| wrong(format!("{to}: {e}")))?;
+        if n > *most {
+            return Err(wrong(format!("{to} is larger than {most} bytes, the limit for this dataset")));
+        }
+    }
+    Ok(found.into_keys().collect())
+}
+
 /// Maximum number of entries in the folder of a submission.
 const MOST_ENTRIES: usize = 10_000;
 
 /// Refuses links, pipes and devices anywhere below a folder: a link could point to the truth.
-fn only_regular(folder: &Path) -> Result<()> {
+pub(crate) fn only_regular(folder: &Path) -> Result<()> {
     let (mut folders, mut n) = (vec![folder.to_owned()], 0);
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
@@ -228,7 +267,13 @@ pub fn limits(test: &Path) -> Result<Limits> {
 /// [`Error::Input`] with every problem, with line numbers.
 pub fn validate(test: &Path, files: &SubmissionFiles) -> Result<Validated> {
     let mut problems = Vec::new();
-    let submission = about(test, &files.about(), &mut problems)?;
+    let place = Manifest::read(test)?.microsig.scoring.and_then(|rules| rules.suite);
+    let submission = about(&files.about(), place.as_ref().map(SuitePlace::edition), &mut problems);
+    if let Some(submission) = &submission {
+        let case = place.map(|place| format!("{}/{}", place.track, place.case)).unwrap_or_default();
+        let hash = images_digest(&input::read_text(&test.join(SHA256SUMS))?);
+        problems.extend(other_images(submission, &files.about(), &case, &hash));
+    }
     let found = particles_or_vectors(test, &files.results(), &mut problems)?;
     match (submission, found) {
         (Some(submission), Some((kind, rows, mut warnings))) if problems.is_empty() => {
@@ -242,9 +287,12 @@ pub fn validate(test: &Path, files: &SubmissionFiles) -> Result<Validated> {
     }
 }
 
-fn about(test: &Path, path: &InputFile, problems: &mut Vec<String>) -> Result<Option<Submission>> {
-    let sums = test.join(SHA256SUMS);
-    let sums = input::read_text(&sums)?;
+/// Reads `submission.json`. `edition`: the suite of the images, with version and size.
+pub(crate) fn about(
+    path: &InputFile,
+    edition: Option<String>,
+    problems: &mut Vec<String>,
+) -> Option<Submission> {
     let text = path.open().and_then(|file| input::text_of(path, file, LARGEST_ABOUT));
     let parsed = match text {
         Ok(text) => Submission::parse(&text).map_err(|e| format!("{}: {e}", path.display())),
@@ -254,7 +302,7 @@ fn about(test: &Path, path: &InputFile, problems: &mut Vec<String>) -> Result<Op
         Ok(submission) => submission,
         Err(e) => {
             problems.push(e);
-            return Ok(None);
+            return None;
         }
     };
     let mut wrong = |key: &str, expected: &str| {
@@ -277,13 +325,32 @@ fn about(test: &Path, path: &InputFile, problems: &mut Vec<String>) -> Result<Op
     if submission.coordinate_declaration.replace("centre", "center") != DECLARATION {
         wrong("coordinate_declaration", &format!("the template's text: {DECLARATION:?}"));
     }
-    if submission.images_sha256 != images_digest(&sums) {
-        wrong(
-            "images_sha256",
-            "the hash of this split's images, from `grep '  images/' SHA256SUMS | sha256sum`; different images were used",
-        );
+    if let (Some(edition), Some(stated)) = (&edition, &submission.suite)
+        && stated != edition
+    {
+        wrong("suite", &format!("{edition}; the submission is for {stated}"));
     }
-    Ok(Some(submission))
+    Some(submission)
+}
+
+/// The problem with a submission whose images are not those of the test split with this hash, of this `TRACK/CASE`.
+pub(crate) fn other_images(
+    submission: &Submission,
+    path: &InputFile,
+    case: &str,
+    hash: &str,
+) -> Option<String> {
+    let (key, stated) = match &submission.images_sha256 {
+        ImagesHash::Split(stated) => ("images_sha256".to_owned(), Some(stated)),
+        ImagesHash::Cases(cases) => (format!("images_sha256.{case}"), cases.get(case)),
+    };
+    (stated.map(String::as_str) != Some(hash)).then(|| {
+        let what = if stated.is_some() { "; different images were used" } else { "" };
+        format!(
+            "{}: {key}: expected the hash of this split's images, from `grep '  images/' SHA256SUMS | sha256sum`{what}",
+            path.display()
+        )
+    })
 }
 
 /// Marker files in the withheld part that state that only particles or only fields are scored.
@@ -309,7 +376,7 @@ fn is_marked(test: &Path, marker: &str) -> bool {
 }
 
 /// Reads the result as for scoring and performs all checks that do not need the truth.
-fn particles_or_vectors(
+pub(crate) fn particles_or_vectors(
     test: &Path,
     path: &InputFile,
     problems: &mut Vec<String>,

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::about::ReleaseTexts;
 use super::submission;
 use crate::package::Package;
-use dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
+use dataset::manifest::{self, MANIFEST, Manifest, Resource, SuitePlace, TableSchema};
 use dataset::{FrameRow, Row, TableReader};
 use generator::dataset::calibration;
 use scenario::Recordings;
@@ -49,10 +49,12 @@ pub(super) fn package(
     package.write("README.md", about.test_card());
     package.write(LICENSE, about.license_text());
     package.write("submission/results.csv", submission::results_header(about.is_for_fields()));
-    package.write("submission/submission.json", submission::template());
+    let whole = Manifest::read(test)?;
+    let suite = whole.microsig.scoring.as_ref().and_then(|rules| rules.suite.as_ref());
+    let template = submission::template(suite.map(SuitePlace::edition).as_deref(), &"".into());
+    package.write("submission/submission.json", template);
 
     let fingerprints = package.fingerprints()?;
-    let whole = Manifest::read(test)?;
     let manifest::Facts { calibration_d_um, calibration_places, .. } = Manifest::read(train)?.microsig;
     let tables = [calibration::table(&calibration_d_um, !calibration_places.is_empty())];
     let mut resources: Vec<Resource> = fingerprints
@@ -105,6 +107,7 @@ fn public_facts(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) 
         depth_range_h_um: whole.depth_range_h_um,
         coordinates: whole.coordinates,
         scoring_gates: whole.scoring_gates,
+        scoring: whole.scoring,
         split: Some("test".to_owned()),
         truth: Some("withheld".to_owned()),
         scored: Some(about.scored.clone()),

@@ -26,7 +26,7 @@ fn dataset(out: &Path) -> PathBuf {
 fn points_outside_the_image_and_the_depth_range_are_counted() {
     let place = tempfile::tempdir().unwrap();
     let test = dataset(place.path());
-    let mut about: serde_json::Value = serde_json::from_str(&submission::template()).unwrap();
+    let mut about: serde_json::Value = serde_json::from_str(&submission::template(None, &"".into())).unwrap();
     for key in ["team", "method", "version", "hardware"] {
         about[key] = "a".into();
     }
@@ -60,6 +60,7 @@ fn a_truth_that_was_not_promised_is_not_published() {
         test_set: Vec::new(),
         exact_times: false,
         fields: false,
+        rules: dataset::manifest::ScoringRules::default(),
         codabench: false,
         wheel: None,
         deadline: None,

@@ -262,6 +262,7 @@ fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
         for (what, differs) in [
             ("gates", differ(same, |s| s.definitions.gate)),
             ("gates of ISBI", differ(same, |s| s.definitions.isbi_gate_px)),
+            ("rules of ranking", differ(same, |s| s.definitions.rank_by.clone())),
             ("borders", differ(same, |s| s.definitions.border_px)),
             ("planes", differ(same, |s| field(s).map(|f| f.0))),
             ("true fields", differ(same, |s| field(s).map(|f| f.1))),

@@ -114,7 +114,8 @@ impl Entry {
             _ => ResultKind::Particles3D,
         };
         let scores: Vec<_> = SCORES.iter().map(|def| def.measured(score)).collect();
-        let criteria = criteria(kind.subject(), |index| scores[index].0.is_some());
+        let criteria =
+            criteria(kind.subject(), &score.definitions.rank_by, |index| scores[index].0.is_some());
         let ends = criteria.first().and_then(|index| scores[*index].1);
         let bias_px = score.detection.as_ref().and_then(|d| d.bias_x_px.zip(d.bias_y_px));
         let axes = score.definitions.axes.clone();
@@ -243,9 +244,15 @@ pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
     ranked
 }
 
-/// Places in [`SCORES`] of the scores that rank results, of those that some result has. Fields of versions without reference
-/// nodes only have scores at their own vectors.
-fn criteria(subject: Subject, has: impl Fn(usize) -> bool) -> Vec<usize> {
+/// Places in [`SCORES`] of the scores that rank results: those of the dataset's rules, otherwise those of the subject that
+/// some result has. Fields of versions without reference nodes only have scores at their own vectors.
+fn criteria(subject: Subject, rules: &[Metric], has: impl Fn(usize) -> bool) -> Vec<usize> {
+    let place = |metric: &Metric| SCORES.iter().position(|def| def.metric == Some(*metric));
+    let ruled: Vec<usize> =
+        rules.iter().filter_map(place).filter(|at| SCORES[*at].subject == subject).collect();
+    if !ruled.is_empty() {
+        return ruled;
+    }
     let of = |ranks: fn(&ScoreDef) -> bool| -> Vec<usize> {
         let is = |index: &usize| {
             let def = &SCORES[*index];
@@ -263,7 +270,10 @@ fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
         return by_depth(same);
     }
     let has = |index| same.iter().any(|(entry, _)| entry.score(index).0.is_some());
-    let criteria = criteria(same[0].0.kind.subject(), has);
+    let rules = &same[0].1.definitions.rank_by;
+    // Scores by different rules, about which `compare` warns, are ranked by none of them.
+    let are_shared = same.iter().all(|(_, score)| score.definitions.rank_by == *rules);
+    let criteria = criteria(same[0].0.kind.subject(), if are_shared { rules } else { &[] }, has);
     let criteria: Vec<Metric> = criteria.into_iter().filter_map(|index| SCORES[index].metric).collect();
     let contestants: Vec<Contestant<'_>> =
         same.iter().map(|(entry, score)| Contestant { score, units: entry.units.as_deref() }).collect();

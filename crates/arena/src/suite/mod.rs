@@ -1,12 +1,15 @@
 //! Scores of trackers on a suite: one table of all cases, ranked case by case.
 //!
-//! Results are in `RESULTS/TRACKER/TRACK/CASE/results.csv`; each is scored by `evaluate` against the test
-//! split of its case. Scores of different cases are never averaged: of two trackers, the one that is better in more
+//! Results are in `RESULTS/TRACKER/TRACK/CASE/results.csv`, or in an archive `RESULTS/TRACKER.zip`; each is scored by
+//! `evaluate` against the test split of its case. Scores of different cases are never averaged: of two trackers, the one that is better in more
 //! cases of a track is ahead in its standing; a missing or refused result is behind all others.
 
+mod check;
+mod entry;
 mod metrics;
 mod page;
 mod participants;
+mod release;
 mod site;
 mod table;
 
@@ -15,19 +18,22 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+pub use check::{Checked, check};
 pub use metrics::MetricValue;
 pub use page::{Annotations, page};
+pub use release::{SuiteReleaseOptions, published_test, release, suite_template};
 
 use crate::report;
 use dataset::manifest::GENERATOR_VERSION;
-use generator::runner::{SuiteRecord, SuiteSelection};
-use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
+use entry::Entry;
+use generator::runner::{SuiteRecord, SuiteSelection, check_rules};
+use scenario::{Metric, Size, Split, Suite, SuiteCase};
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, UnitScores, evaluate_files};
 use scoring::ranking::{Contestant, Pairs, ScoreDef, pairs, ranks_fields};
 use site::Site;
+use storage::OutputFolder;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::{InputFile, OutputFolder};
 
 /// Name of the table of all scores.
 pub const SUITE_SCORES_CSV: &str = "suite_scores.csv";
@@ -37,6 +43,8 @@ pub const SUITE_SCORES: &str = "suite_scores.json";
 pub const PAGE: &str = "index.html";
 /// Folder of the complete scores: `TRACKER/TRACK/CASE/score.json` and its tables.
 pub const SCORES: &str = "scores";
+/// Folder of a published leaderboard with an archive `TRACKER.zip` of the results of each tracker.
+pub const PUBLISHED: &str = "results";
 /// Name of a tracker's result for a case.
 pub const RESULT: &str = "results.csv";
 
@@ -55,9 +63,12 @@ pub struct SuiteScores {
     pub standings: Vec<Standing>,
     /// Every case with the results of all trackers that have entered its track.
     pub cases: Vec<CaseScores>,
-    /// Warning of a file system without locks.
+    /// Trackers of a published leaderboard with which the others are compared.
     #[serde(skip)]
-    pub warning: Option<String>,
+    pub published: Vec<String>,
+    /// Cases without a test split, which are left out, and a file system without locks.
+    #[serde(skip)]
+    pub warnings: Vec<String>,
 }
 
 /// Results for a case.
@@ -151,8 +162,10 @@ pub struct Standing {
 /// Options of [`score`].
 #[derive(Debug, Clone)]
 pub struct ScoreOptions {
-    /// The results, a folder for each tracker.
-    pub results: PathBuf,
+    /// Folders of results, each with a folder or archive for each tracker.
+    pub results: Vec<PathBuf>,
+    /// Folder of a published leaderboard, whose results are scored, too.
+    pub against: Option<PathBuf>,
     /// Folder of the scores.
     pub out: PathBuf,
     /// Folder of a site of the leaderboard.
@@ -161,6 +174,8 @@ pub struct ScoreOptions {
     pub force: bool,
     /// Only these tracks and cases.
     pub selection: SuiteSelection,
+    /// Also score submissions whose files are newer than the deadline.
+    pub late: bool,
     /// Seed of the bootstrap.
     pub seed: u64,
 }
@@ -172,7 +187,7 @@ type Scored = (String, std::result::Result<Option<Evaluation>, String>);
 /// scores of each.
 ///
 /// # Errors
-/// A folder of another suite or version; a missing test split; existing scores, unless `force`; an I/O error.
+/// A folder of another suite or version; a test split that is missing though there are results; existing scores, unless `force`; an I/O error.
 pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<SuiteScores> {
     let record = SuiteRecord::read(datasets)?;
     record.matches(suite, datasets)?;
@@ -180,30 +195,41 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     check_replaceable(&options.out, earlier)?;
     let chosen = SuiteSelection { split: Some(Split::Test), ..options.selection.clone() };
     let cases: Vec<SuiteCase> = chosen.of(suite, record.size)?.into_iter().map(|(case, _)| case).collect();
-    let trackers = trackers(&options.results)?;
-    refuse_unknown(suite, record.size, &trackers, &options.results)?;
-    let more = participants::annotations(&options.results, &trackers, &suite.cases(record.size)?)?;
+    let known: Vec<String> = suite.cases(record.size)?.iter().map(SuiteCase::folder).collect();
+    let published = options.against.as_ref().map(|folder| folder.join(PUBLISHED));
+    let folders: Vec<PathBuf> = options.results.iter().chain(&published).cloned().collect();
+    let mut entries = entries(&folders, (&record, datasets, &known), options.late)?;
+    let names = published.as_deref().map(|folder| entries_of(folder)).transpose()?.unwrap_or_default();
+    let more = participants::annotations(&mut entries, &known)?;
     let mut site = options.site.as_deref().map(|folder| Site::start(folder, options.force)).transpose()?;
     let partial = Partial::start(&options.out)?;
-    let mut all = Vec::new();
+    let (mut all, mut warnings) = (Vec::new(), Vec::new());
     for track in &suite.spec.tracks {
-        let of_track: Vec<&SuiteCase> = cases.iter().filter(|case| case.track == track.name).collect();
-        let has_entered = |tracker: &&String| options.results.join(tracker).join(&track.name).is_dir();
-        let entered: Vec<&String> = trackers.iter().filter(has_entered).collect();
-        // A track that has not been generated is left out, unless there are results for it.
-        if entered.is_empty() && !datasets.join(&track.name).is_dir() {
-            continue;
+        // Of a submission that cannot be read, the tracks are not known.
+        let has_entered = |entry: &&Entry| entry.fault.is_some() || entry.folder.join(&track.name).is_dir();
+        let entered: Vec<&Entry> = entries.iter().filter(has_entered).collect();
+        let (mut absent, mut n) = (Vec::new(), 0);
+        for case in cases.iter().filter(|case| case.track == track.name) {
+            n += 1;
+            let Some(dataset) = record.test_split(datasets, &case.folder()) else {
+                if entered.iter().any(|entry| entry.folder.join(case.folder()).join(RESULT).exists()) {
+                    let hint = "missing; `microsig suite generate --resume` generates it";
+                    let dataset = datasets.join(case.split_folder(Split::Test));
+                    return Err(Error::input(format!("{}: {hint}", dataset.display())));
+                }
+                absent.push(case.name.as_str());
+                continue;
+            };
+            let folders = (dataset.as_path(), partial.folder(), site.as_mut());
+            all.push(scored_case(&record, case, &entered, folders, options)?);
         }
-        for case in of_track {
-            all.push(scored_case(
-                track,
-                case,
-                &entered,
-                (datasets, partial.folder(), site.as_mut()),
-                options,
-            )?);
+        // A track that has not been generated is left out.
+        if !absent.is_empty() && absent.len() < n {
+            let (some, name) = (absent.join(", "), &track.name);
+            warnings.push(format!("track {name}: without test split, and left out: {some}"));
         }
     }
+    warnings.extend(partial.warning().map(str::to_owned));
     let scores = SuiteScores {
         suite: record.name,
         version: record.version,
@@ -211,7 +237,11 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
         microsig: GENERATOR_VERSION.to_owned(),
         standings: standings(&suite.spec.tracks.iter().map(|track| &*track.name).collect::<Vec<_>>(), &all),
         cases: all,
-        warning: partial.warning().map(str::to_owned),
+        warnings,
+        published: names
+            .iter()
+            .filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()))
+            .collect(),
     };
     let csv = table::csv(&scores)?;
     partial.folder().save_bytes(SUITE_SCORES_CSV, &csv)?;
@@ -242,6 +272,20 @@ impl SuiteScores {
     }
 }
 
+impl CaseScores {
+    /// 1 if the first of two trackers is better, -1 if the second is.
+    fn difference(&self, a: &str, b: &str) -> i32 {
+        let of = |tracker: &str| self.results.iter().find(|result| result.tracker == tracker);
+        let is_behind = |one: Option<&CaseResult>, other: Option<&CaseResult>| {
+            let is_scored = |of: Option<&CaseResult>| of.is_some_and(|of| of.status == Status::Scored);
+            let other_name = other.map_or("", |other| &other.tracker);
+            is_scored(other)
+                && (!is_scored(one) || one.is_some_and(|one| one.behind.iter().any(|of| of == other_name)))
+        };
+        i32::from(is_behind(of(b), of(a))) - i32::from(is_behind(of(a), of(b)))
+    }
+}
+
 impl CaseResult {
     /// The value of a score.
     pub fn value(&self, metric: Metric) -> Option<MetricValue> {
@@ -263,73 +307,83 @@ fn folders(folder: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-fn trackers(results: &Path) -> Result<Vec<String>> {
-    let names = folders(results)?;
-    if names.is_empty() {
-        let expected = format!("TRACKER/TRACK/CASE/{RESULT}");
-        return Err(Error::input(format!("{}: no results; expected {expected}", results.display())));
+/// The folders and archives in a folder, sorted.
+fn entries_of(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut paths: Vec<PathBuf> = folders(folder)?.iter().map(|name| folder.join(name)).collect();
+    for found in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {
+        let path = found.map_err(|e| Error::read(folder, e))?.path();
+        let is_archive = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("zip"));
+        paths.extend((is_archive && path.is_file()).then_some(path));
     }
-    Ok(names)
+    paths.sort();
+    Ok(paths)
 }
 
-/// Refuses results for tracks and cases that the suite does not have: a misspelled name would otherwise count
-/// as a missing result.
-fn refuse_unknown(suite: &Suite, size: Size, trackers: &[String], results: &Path) -> Result<()> {
-    let cases = suite.cases(size)?;
-    let mut unknown = Vec::new();
-    for tracker in trackers {
-        let of_tracker = results.join(tracker);
-        for track in folders(&of_tracker)? {
-            let of_track = of_tracker.join(&track);
-            if !suite.spec.tracks.iter().any(|known| known.name == track) {
-                unknown.push(format!("{}: suite {} has no such track", of_track.display(), suite.spec.name));
-                continue;
-            }
-            for case in folders(&of_track)? {
-                if !cases.iter().any(|known| known.track == track && known.name == case) {
-                    let (path, size) = (of_track.join(&case), size.name());
-                    unknown
-                        .push(format!("{}: track {track} has no such case at size {size}", path.display()));
-                }
-            }
+/// The folders and archives of trackers.
+///
+/// # Errors
+/// No results; of folders that are no submissions, results for tracks and cases that the suite does not have.
+fn entries(results: &[PathBuf], suite: (&SuiteRecord, &Path, &[String]), late: bool) -> Result<Vec<Entry>> {
+    let (record, _, cases) = suite;
+    let paths: Vec<Vec<PathBuf>> = results.iter().map(|folder| entries_of(folder)).collect::<Result<_>>()?;
+    let paths = paths.concat();
+    let (mut entries, mut problems) = (Vec::<Entry>::new(), Vec::new());
+    for path in &paths {
+        let name = path.file_name().unwrap_or_default();
+        let mut entry = Entry::open(path, name.into(), suite)?;
+        let unknown = if entry.fault.is_none() { entry.unknown(record, cases)? } else { Vec::new() };
+        match unknown[..] {
+            [] => {}
+            _ if entry.is_submission() => entry.fault = Some(unknown.join("; ")),
+            _ => problems.extend(unknown),
         }
+        if !late {
+            entry.refuse_late(record.deadline.as_deref(), path);
+        }
+        if entries.iter().any(|other| other.name == entry.name) {
+            problems.push(format!("{}: another tracker has this name", path.display()));
+        }
+        entries.push(entry);
     }
-    if unknown.is_empty() { Ok(()) } else { Err(Error::Input(unknown)) }
+    if entries.is_empty() {
+        let expected = format!("TRACKER/TRACK/CASE/{RESULT}, or archives TRACKER.zip");
+        let folders: Vec<String> = results.iter().map(|folder| folder.display().to_string()).collect();
+        return Err(Error::input(format!("{}: no results; expected {expected}", folders.join(", "))));
+    }
+    if problems.is_empty() { Ok(entries) } else { Err(Error::Input(problems)) }
 }
 
 fn scored_case(
-    track: &TrackSpec,
+    record: &SuiteRecord,
     case: &SuiteCase,
-    entered: &[&String],
-    (datasets, out, mut site): (&Path, &OutputFolder, Option<&mut Site>),
+    entered: &[&Entry],
+    (dataset, out, mut site): (&Path, &OutputFolder, Option<&mut Site>),
     options: &ScoreOptions,
 ) -> Result<CaseScores> {
-    let dataset = datasets.join(case.split_folder(Split::Test));
-    if !dataset.is_dir() {
-        let hint = "missing; `microsig suite generate --resume` generates it";
-        return Err(Error::input(format!("{}: {hint}", dataset.display())));
-    }
+    check_rules(case, dataset, false)?;
+    // Datasets of earlier versions do not state the rules.
     let rules = EvaluateOptions {
-        gate_xy_px: track.gate_xy_px,
-        gate_z_um: track.gate_z_um,
-        dims: case.dims,
+        gate_xy_px: case.rules.gate_xy_px,
+        gate_z_um: case.rules.gate_z_um,
+        dims: case.rules.dims,
         seed: options.seed,
         ..EvaluateOptions::default()
     };
     // A truth that cannot be read is no fault of a tracker.
-    let is_of_fields = ranks_fields(&case.rank_by);
-    Truth::read(&dataset, is_of_fields, &rules)?;
+    let is_of_fields = ranks_fields(&case.rules.rank_by);
+    Truth::read(dataset, is_of_fields, &rules)?;
     let evaluated: Vec<Scored> = entered
         .par_iter()
-        .map(|tracker| {
+        .map(|entry| {
             // Reasons are published: paths begin at the folder of the results.
-            let shown = Path::new(tracker).join(case.folder()).join(RESULT);
-            let result = options.results.join(&shown);
-            let found = result.exists().then(|| {
-                let result = InputFile::shown_as(result, shown);
-                evaluate_files(&dataset, result, &rules).map_err(|e| e.to_string())
+            let evaluation = entry.result(record, &case.folder(), dataset).and_then(|found| {
+                let Some((result, _)) = found else { return Ok(None) };
+                let mut evaluation = evaluate_files(dataset, result, &rules)?;
+                // Datasets of earlier versions do not state them.
+                evaluation.score.definitions.rank_by.clone_from(&case.rules.rank_by);
+                Ok(Some(evaluation))
             });
-            ((*tracker).clone(), found.transpose())
+            (entry.name.clone(), evaluation.map_err(|e| e.to_string()))
         })
         .collect();
     let (mut results, mut scored, mut others) = (Vec::new(), Vec::new(), Vec::new());
@@ -353,7 +407,7 @@ fn scored_case(
         .map(|(_, evaluation)| Contestant { score: &evaluation.score, units: Some(&evaluation.units) })
         .collect();
     let units = contestants.iter().filter_map(|of| of.units).map(UnitScores::n_units).max().unwrap_or(0);
-    let better = pairs(&contestants, &case.rank_by, options.seed);
+    let better = pairs(&contestants, &case.rules.rank_by, options.seed);
     for (i, rank) in better.ranks() {
         let ahead = (0..scored.len()).filter(|j| better.is_better(*j, i));
         let behind = ahead.map(|j| scored[j].0.tracker.clone()).collect();
@@ -362,12 +416,12 @@ fn scored_case(
     results.extend(others);
     let axes = case.axes.iter().cloned();
     Ok(CaseScores {
-        track: track.name.clone(),
+        track: case.track.clone(),
         ladder: case.ladder.clone(),
         case: case.name.clone(),
         dataset: format!("{}-test", case.dataset()),
         axes: axes.map(|a| CaseAxis { label: a.label, shown: a.shown, number: a.number }).collect(),
-        rank_by: case.rank_by.clone(),
+        rank_by: case.rules.rank_by.clone(),
         results,
         units,
     })
@@ -399,11 +453,11 @@ fn result(
         Err(e) => return none(Status::Refused, Some(e.to_string())),
     };
     let mut scores: Vec<MetricValue> =
-        case.rank_by.iter().map(|metric| MetricValue::of(*metric, score)).collect();
-    let others = ScoreDef::metrics().filter(|metric| !case.rank_by.contains(metric));
+        case.rules.rank_by.iter().map(|metric| MetricValue::of(*metric, score)).collect();
+    let others = ScoreDef::metrics().filter(|metric| !case.rules.rank_by.contains(metric));
     scores.extend(others.map(|metric| MetricValue::of(metric, score)).filter(|value| value.value.is_some()));
     // Fields have no scores of particles, and vice versa.
-    let ranks_fields = ranks_fields(&case.rank_by);
+    let ranks_fields = ranks_fields(&case.rules.rank_by);
     if evaluation.score.field.is_some() != ranks_fields {
         let kind = if evaluation.score.field.is_some() { "a displacement field" } else { "particles" };
         return none(
@@ -428,20 +482,8 @@ fn standings(tracks: &[&str], cases: &[CaseScores]) -> Vec<Standing> {
             of_track.iter().flat_map(|case| case.results.iter().map(|result| &result.tracker)).collect();
         trackers.sort();
         trackers.dedup();
-        // 1 for a case in which the first is better, -1 for one in which the second is.
-        let difference = |case: &&CaseScores, a: &String, b: &String| {
-            let of = |tracker: &String| case.results.iter().find(|result| result.tracker == *tracker);
-            let is_behind = |one: Option<&CaseResult>, other: Option<&CaseResult>| {
-                let is_scored = |of: Option<&CaseResult>| of.is_some_and(|of| of.status == Status::Scored);
-                let other_name = other.map_or("", |other| &other.tracker);
-                is_scored(other)
-                    && (!is_scored(one)
-                        || one.is_some_and(|one| one.behind.iter().any(|of| of == other_name)))
-            };
-            i32::from(is_behind(of(b), of(a))) - i32::from(is_behind(of(a), of(b)))
-        };
         let better = Pairs::new(trackers.len(), |a, b| {
-            of_track.iter().map(|case| difference(case, trackers[b], trackers[a])).sum::<i32>().cmp(&0)
+            of_track.iter().map(|case| case.difference(trackers[b], trackers[a])).sum::<i32>().cmp(&0)
         });
         let mut ranks = vec![0; trackers.len()];
         better.ranks().into_iter().for_each(|(i, rank)| ranks[i] = rank);

@@ -124,7 +124,10 @@ fn rules(suite: &Suite, scores: &SuiteScores) -> String {
         pre { "microsig suite generate " (name) " --size " (size) " --out suites/" (size) "\n\
             microsig check-submission suites/" (size) " results/NAME --suite " (name) "\n\
             microsig suite score " (name) " suites/" (size) " --results results --out scores --site site" }
-        @for track in suite.spec.tracks.iter().filter(scored) { (of_track(track, scores)) }
+        @for track in suite.spec.tracks.iter().filter(scored) {
+            @let cases = scores.cases.iter().filter(|case| case.track == track.name);
+            (of_track(track, cases.map(|case| case.rank_by.as_slice()).collect()))
+        }
         h2 { "Ranks" }
         (ranks())
         p.soft { "Scored by microsig " (scores.microsig) ", whose documentation defines all scores." }
@@ -132,15 +135,14 @@ fn rules(suite: &Suite, scores: &SuiteScores) -> String {
     report::document(&title, &body)
 }
 
-/// The scores and gates of a track.
-fn of_track(track: &TrackSpec, scores: &SuiteScores) -> Markup {
-    let cases: Vec<&CaseScores> = scores.cases.iter().filter(|case| case.track == track.name).collect();
-    let mut orders: Vec<&[scenario::Metric]> = cases.iter().map(|case| case.rank_by.as_slice()).collect();
+/// The scores and gates of a track; `orders`: the scores that rank each of its cases.
+pub(super) fn of_track(track: &TrackSpec, mut orders: Vec<&[scenario::Metric]>) -> Markup {
+    let n = orders.len();
     orders.dedup();
     let gates = [("in the image plane", track.gate_xy_px, "px"), ("along z", track.gate_z_um, "um")];
     html! {
         h2 { "Track " (track.name) ": " (track.title) }
-        p { (cases.len()) @if cases.len() == 1 { " case." } @else { " cases." }
+        p { (n) @if n == 1 { " case." } @else { " cases." }
             @for (along, gate, unit) in gates { @if let Some(gate) = gate {
                 " A point belongs to a particle within " (gate) " " (unit) " " (along) "."
             } }
@@ -161,7 +163,7 @@ fn of_track(track: &TrackSpec, scores: &SuiteScores) -> Markup {
 }
 
 /// How results are compared.
-fn ranks() -> Markup {
+pub(super) fn ranks() -> Markup {
     html! {
         ul {
             li { "Each case is ranked separately. Two results are compared by all scores of the track together, in paired tests on the same true \

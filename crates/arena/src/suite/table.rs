@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::check::of_missing;
 use super::{CaseResult, Status, SuiteScores};
 use scoring::ranking::ScoreDef;
 use storage::error::{Error, Result};
@@ -77,7 +78,7 @@ pub(super) fn text(scores: &SuiteScores) -> String {
                 case.rank_by.iter().map(|metric| ScoreDef::of(*metric).title()).collect();
             let _ =
                 writeln!(text, "  {} ({}; {} independent units)", case.case, names.join(", "), case.units);
-            for result in &case.results {
+            for result in case.results.iter().filter(|result| result.status != Status::Missing) {
                 let rank = result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
                 let values = case.rank_by.iter().map(|metric| {
                     let value = result.value(*metric);
@@ -90,11 +91,38 @@ pub(super) fn text(scores: &SuiteScores) -> String {
                 });
                 let values = match result.status {
                     Status::Scored => values.collect::<Vec<_>>().join(", "),
-                    Status::Missing => "missing".to_owned(),
+                    Status::Missing => String::new(),
                     Status::Refused => format!("refused: {}", result.reason.as_deref().unwrap_or_default()),
                 };
                 let _ = writeln!(text, "    {rank:>2}  {:<20} {values}", result.tracker);
             }
+        }
+    }
+    let mut trackers: Vec<&str> = scores.standings.iter().map(|s| s.tracker.as_str()).collect();
+    trackers.sort_unstable();
+    trackers.dedup();
+    for tracker in trackers {
+        let is_missing = |result: &CaseResult| result.tracker == tracker && result.status == Status::Missing;
+        let cases = scores.cases.iter().filter(|case| case.results.iter().any(is_missing));
+        let missing: Vec<String> = cases.map(|case| format!("{}/{}", case.track, case.case)).collect();
+        if !missing.is_empty() {
+            let _ = writeln!(text, "\n{tracker}: {}", of_missing(&missing));
+        }
+    }
+    for s in scores.standings.iter().filter(|s| !scores.published.contains(&s.tracker)) {
+        let cases: Vec<_> = scores.cases.iter().filter(|case| case.track == s.track).collect();
+        for other in
+            scores.standings.iter().filter(|of| of.track == s.track && scores.published.contains(&of.tracker))
+        {
+            let n = |sign| {
+                cases.iter().filter(|case| case.difference(&s.tracker, &other.tracker) == sign).count()
+            };
+            let (track, tracker, other) = (&s.track, &s.tracker, &other.tracker);
+            let [better, worse, equal] = [1, -1, 0].map(n);
+            let _ = writeln!(
+                text,
+                "{track}: {tracker} and published {other}: better in {better}, worse in {worse}, not separated in {equal} cases"
+            );
         }
     }
     text.trim_end().to_owned()

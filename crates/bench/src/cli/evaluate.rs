@@ -39,13 +39,14 @@ pub(super) struct Evaluate {
     /// Shape of the gate [default: ellipsoid with depth, radial without]
     #[arg(long, value_parser = choice::<Shape>())]
     gate: Option<Shape>,
-    /// Radius of the gate in the image plane, of `--gate box` half its width [default: 2]
+    /// Radius of the gate in the image plane, of `--gate box` half its width [default: the
+    /// dataset's, or 2]
     #[arg(long, value_name = "PX")]
     gate_xy: Option<f64>,
-    /// Half height of the gate along z [default: a tenth of the depth range]
+    /// Half height of the gate along z [default: the dataset's, or a tenth of the depth range]
     #[arg(long, value_name = "UM")]
     gate_z: Option<f64>,
-    /// Score in 2 or 3 dimensions [default: 3 if truth and result have a depth]
+    /// Score in 2 or 3 dimensions [default: the dataset's, or 3 if truth and result have a depth]
     #[arg(long, value_name = "N")]
     dims: Option<u8>,
     /// Radius of the gate of the ISBI scores [default: 5]

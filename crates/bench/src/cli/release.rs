@@ -9,6 +9,7 @@ use super::argument::folder;
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use arena::release::{Deadline, Publication, ReleaseOptions, release};
+use dataset::manifest::ScoringRules;
 use scenario::Assignment;
 use storage::error::Result;
 
@@ -43,6 +44,15 @@ pub(super) struct Release {
     /// Score displacement fields instead of particles, even if train reveals the flow of test
     #[arg(long)]
     fields: bool,
+    /// Radius of the matching gate in the image plane [default: that of the dataset]
+    #[arg(long, value_name = "PX", alias = "gate-xy-px")]
+    gate_xy: Option<f64>,
+    /// Half height of the gate along z [default: that of the dataset]
+    #[arg(long, value_name = "UM", alias = "gate-z-um")]
+    gate_z: Option<f64>,
+    /// Score in 2 or 3 dimensions [default: as the dataset states]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=3))]
+    dims: Option<u8>,
     /// Also write withheld/codabench.zip, a bundle for the Codabench platform
     #[arg(long)]
     codabench: bool,
@@ -94,6 +104,12 @@ impl Release {
                 test_set: Assignment::all(&self.test_set)?,
                 exact_times: self.exact_times,
                 fields: self.fields,
+                rules: ScoringRules {
+                    gate_xy_px: self.gate_xy,
+                    gate_z_um: self.gate_z,
+                    dims: self.dims,
+                    ..ScoringRules::default()
+                },
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
                 deadline: self.deadline,

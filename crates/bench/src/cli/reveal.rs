@@ -10,7 +10,8 @@ use super::argument::folder;
 use super::options::Replace;
 use super::output::{summarize, warn};
 use arena::release::{RevealOptions, reveal};
-use storage::error::Result;
+use generator::runner::{RECORD, SuiteRecord};
+use storage::error::{Error, Result};
 
 /// Write the truth of a challenge for publication, after its deadline
 #[derive(Debug, Args)]
@@ -20,7 +21,7 @@ use storage::error::Result;
     after_help = "Example: microsig reveal challenges/quickstart --out challenges/quickstart-truth"
 )]
 pub(super) struct Reveal {
-    /// Folder of the challenge, with public and withheld
+    /// Folder of the challenge, with public and withheld, or of a released suite
     challenge: PathBuf,
     /// Folder to be published
     #[arg(long, short, value_name = "DIR", value_parser = folder())]
@@ -34,6 +35,9 @@ pub(super) struct Reveal {
 
 impl Reveal {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
+        if self.challenge.join(RECORD).is_file() {
+            return self.of_suite(common);
+        }
         let (out, force) = (self.out.clone(), self.replace.force);
         let options = RevealOptions { out, force, early: self.early, now: SystemTime::now() };
         let revealed = reveal(&self.challenge, &options)?;
@@ -42,5 +46,28 @@ impl Reveal {
         let text =
             format!("truth of {name}, which matches commitment {}; publish {out}", revealed.commitment);
         summarize(&text, &revealed, common)
+    }
+
+    /// The truth of every case of a released suite: OUT/TRACK/CASE.
+    fn of_suite(&self, common: &Common) -> Result<()> {
+        let record = SuiteRecord::read(&self.challenge)?;
+        let mut all = Vec::new();
+        for case in record.images_sha256.keys() {
+            let out = self.out.join(case);
+            let above = out.parent().unwrap_or(&self.out);
+            std::fs::create_dir_all(above).map_err(Error::write(above))?;
+            let (force, early) = (self.replace.force, self.early);
+            let options = RevealOptions { out, force, early, now: SystemTime::now() };
+            let revealed = reveal(&self.challenge.join(case), &options)?;
+            warn(&revealed.warning, common);
+            all.push(revealed);
+        }
+        let out = self.out.display();
+        let text = format!(
+            "truth of {}: {} cases, which match their commitments; publish {out}",
+            record.edition(),
+            all.len()
+        );
+        summarize(&text, &all, common)
     }
 }

@@ -10,16 +10,20 @@ use super::argument::{folder, input};
 use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, report, summarize, warn};
 use super::shard::ShardOption;
-use arena::release::{Deadline, Publication, ReleaseOptions, release};
-use arena::suite::{ScoreOptions, score};
+use super::track::methods;
+use arena::release::{Deadline, Released};
+use arena::suite::{
+    RESULT, ScoreOptions, SuiteReleaseOptions, published_test, release, score, suite_template,
+};
 use generator::runner::{
     Frozen, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
 };
-use scenario::{Size, Split};
+use scenario::{Size, Split, SuiteCase};
 use scoring::ranking::{ScoreDef, ranks_fields};
 use storage::InputFile;
 use storage::error::{Error, Result};
 use storage::save_bytes;
+use tracking::{TrackOptions, track};
 
 /// Work with frozen suites of datasets, for comparing trackers
 #[derive(Debug, Args)]
@@ -42,8 +46,7 @@ enum Action {
     Check(Check),
     /// Score all results in one table, ranked case by case
     Score(Score),
-    /// Make a challenge of each case: public packages, and withheld truth of test splits drawn with secret
-    /// keys
+    /// Make a challenge of each case, with test splits drawn with secret keys, and one folder to be published
     Release(Release),
 }
 
@@ -131,11 +134,14 @@ struct Score {
     /// The suite
     #[arg(value_parser = input())]
     suite: InputFile,
-    /// The generated suite
+    /// The generated or released suite
     datasets: PathBuf,
-    /// The results: RESULTS/TRACKER/TRACK/CASE/results.csv
-    #[arg(long, value_name = "RESULTS")]
-    results: PathBuf,
+    /// The results: RESULTS/TRACKER/TRACK/CASE/results.csv, or RESULTS/TRACKER.zip; may be repeated
+    #[arg(long, value_name = "RESULTS", required = true)]
+    results: Vec<PathBuf>,
+    /// Also rank the results of a published leaderboard, DIR/results/TRACKER.zip, and compare each with them
+    #[arg(long, value_name = "DIR")]
+    against: Option<PathBuf>,
     /// Output folder of the scores
     #[arg(long, short, value_name = "OUT", value_parser = folder())]
     out: PathBuf,
@@ -149,6 +155,9 @@ struct Score {
     /// disk
     #[arg(long, value_name = "DIR", value_parser = folder())]
     site: Option<PathBuf>,
+    /// Also score submissions whose files are newer than the deadline
+    #[arg(long)]
+    late: bool,
     #[command(flatten)]
     drawing: Drawing,
     #[command(flatten)]
@@ -190,6 +199,9 @@ struct Release {
     /// Python wheel of microsig for the scoring programs of the bundles
     #[arg(long, value_name = "FILE", requires = "codabench")]
     wheel: Option<PathBuf>,
+    /// Run these trackers on the published test splits, into OUT/baselines for `suite score --results`
+    #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = methods())]
+    baselines: Vec<String>,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -235,7 +247,7 @@ impl List {
                 let [train, val, test] = case.counts;
                 lines.push(format!("    {:<28} {train} + {val} + {test}", case.name));
                 listed.push(json!({
-                    "case": case.name, "ladder": case.ladder, "dataset": case.dataset(), "axes": case.axes, "dims": case.dims,
+                    "case": case.name, "ladder": case.ladder, "dataset": case.dataset(), "axes": case.axes, "dims": case.rules.dims,
                     "train": train, "val": val, "test": test,
                 }));
             }
@@ -410,14 +422,16 @@ impl Score {
         };
         let options = ScoreOptions {
             results: self.results.clone(),
+            against: self.against.clone(),
             out: self.out.clone(),
             site: self.site.clone(),
             force: self.replace.force,
             selection,
+            late: self.late,
             seed: self.drawing.seed,
         };
         let scores = score(&suite, &self.datasets, &options)?;
-        warn(&scores.warning, common);
+        warn(&scores.warnings, common);
         summarize(&scores.text(), &scores, common)
     }
 }
@@ -425,60 +439,100 @@ impl Score {
 impl Release {
     fn run(&self, common: &Common) -> Result<()> {
         let suite = scenario::Suite::open(&self.suite)?;
-        let record = SuiteRecord::read(&self.datasets)?;
-        record.matches(&suite, &self.datasets)?;
-        let chosen = SuiteSelection {
+        let selection = SuiteSelection {
             track: self.track.clone(),
             case: self.case.clone(),
-            split: Some(Split::Train),
             ..SuiteSelection::default()
         };
-        let (mut released, mut made) = (Vec::new(), 0);
-        for (case, split) in chosen.of(&suite, record.size)? {
-            let out = self.out.join(case.folder());
-            let above = out.parent().unwrap_or(&self.out);
-            std::fs::create_dir_all(above).map_err(Error::write(above))?;
-            let [_, val, test] = case.counts;
-            let about = Publication {
-                title: Some(format!("{}: {} {}", suite.spec.title, case.track, case.name)),
-                creators: self.creator.clone(),
-                version: Some(suite.spec.version.clone()),
-            };
-            let options = ReleaseOptions {
-                out,
-                force: self.replace.force,
-                resume: self.resume,
-                new_keys: self.new_keys,
-                val: Some(val),
-                test: Some(test),
-                test_set: Vec::new(),
-                exact_times: false,
-                fields: ranks_fields(&case.rank_by),
-                codabench: self.codabench,
-                wheel: self.wheel.clone(),
-                deadline: self.deadline,
-                about,
-                progress: progress(common),
-                context: common.context.clone(),
-            };
-            let one = release(&self.datasets.join(case.split_folder(split)), &options)?;
-            let Some(one) = one else {
-                released.push(json!({ "out": options.out, "made": false }));
-                continue;
-            };
+        let options = SuiteReleaseOptions {
+            out: self.out.clone(),
+            selection,
+            creators: self.creator.clone(),
+            deadline: self.deadline,
+            resume: self.resume,
+            force: self.replace.force,
+            new_keys: self.new_keys,
+            codabench: self.codabench,
+            wheel: self.wheel.clone(),
+            progress: progress(common),
+            context: common.context.clone(),
+        };
+        let released = release(&suite, &self.datasets, &options)?;
+        let mut listed = Vec::new();
+        for (case, one) in &released {
+            let warnings = one.iter().flat_map(|one| &one.warnings);
             let warnings: Vec<String> =
-                one.warnings.iter().map(|warning| format!("{}: {warning}", case.folder())).collect();
+                warnings.map(|warning| format!("{}: {warning}", case.folder())).collect();
             warn(&warnings, common);
-            made += 1;
-            released.push(serde_json::to_value(one).map_err(|e| Error::input(e.to_string()))?);
+            let kept = json!({ "out": self.out.join(case.folder()), "made": false });
+            listed.push(
+                one.as_ref()
+                    .map_or(Ok(kept), serde_json::to_value)
+                    .map_err(|e| Error::input(e.to_string()))?,
+            );
+        }
+        let made = released.iter().filter(|(_, one)| one.is_some()).count();
+        for method in &self.baselines {
+            self.baseline(method, &released, common)?;
         }
         let text = format!(
-            "{} challenges of suite {} {}, {made} made now, in {}; publish TRACK/CASE/public, keep TRACK/CASE/withheld private",
+            "{} challenges of suite {} {}, {made} made now; publish {}, keep the rest of {} private",
             released.len(),
             suite.spec.name,
             suite.spec.version,
+            self.out.join("public").display(),
             self.out.display()
         );
-        summarize(&text, &released, common)
+        summarize(&text, &listed, common)
+    }
+
+    /// Runs a tracker on the published test splits: `OUT/baselines/METHOD/TRACK/CASE/results.csv`. Results that exist are kept,
+    /// unless their challenge has been made now.
+    fn baseline(
+        &self,
+        method: &str,
+        released: &[(SuiteCase, Option<Released>)],
+        common: &Common,
+    ) -> Result<()> {
+        let folder = self.out.join("baselines").join(method);
+        let mut ran = false;
+        for (case, one) in released {
+            let out = folder.join(case.folder()).join(RESULT);
+            let is_of_fields = ranks_fields(&case.rules.rank_by);
+            if is_of_fields != (method == "piv") || (out.exists() && one.is_none()) {
+                continue;
+            }
+            let (_unpacked, test) = published_test(&self.out, case)?;
+            let above = out.parent().unwrap_or(&folder);
+            std::fs::create_dir_all(above).map_err(Error::write(above))?;
+            let options = TrackOptions {
+                force: true,
+                context: common.context.clone(),
+                ..TrackOptions::of(method, progress(common))
+            };
+            match track(&test, &out, &options) {
+                Ok(tracked) => warn(&tracked.warnings, common),
+                // For example without a calibration stack.
+                Err(e @ Error::Input(_)) => warn([format!("{method} on {}: {e}", case.folder())], common),
+                Err(e) => return Err(e),
+            }
+            ran = true;
+        }
+        if !ran {
+            return Ok(());
+        }
+        let record = SuiteRecord::read(&self.out)?;
+        let mut about: serde_json::Value = serde_json::from_str(&suite_template(&record)).unwrap_or_default();
+        for (key, text) in [
+            ("team", "microsig"),
+            ("method", method),
+            ("version", VERSION),
+            ("hardware", "of the organizers"),
+        ] {
+            about[key] = text.into();
+        }
+        save_bytes(&folder.join("submission.json"), format!("{about:#}\n").as_bytes())
     }
 }
+
+const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -7,6 +7,7 @@
 mod instead;
 mod recorded;
 mod resource;
+mod rules;
 mod seal;
 
 use std::path::Path;
@@ -24,6 +25,7 @@ use storage::read_text;
 
 pub use recorded::{KnownFacts, NoiseFacts, PlaceFacts, RECORDING};
 pub use resource::{Resource, SchemaField, TableSchema, resource};
+pub use rules::{Metric, ScoringRules, SuitePlace};
 pub use seal::seal;
 
 /// Name of the manifest file.
@@ -188,6 +190,9 @@ pub struct Facts {
     /// Gates for scoring.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scoring_gates: Option<ScoringGates>,
+    /// How results are scored and ranked, where a suite or the scenario states it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scoring: Option<ScoringRules>,
     /// `test` in the public part of a test split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub split: Option<String>,
@@ -460,6 +465,14 @@ impl ScoringGates {
     /// The gates for a depth range of length `h_um` (um): the gate in depth is a tenth of it.
     pub fn over(h_um: f64) -> Self {
         ScoringGates { xy_px: Self::XY_PX, z_um: h_um / 10.0, isbi_px: Self::ISBI_PX }
+    }
+
+    /// The same with the gates that the rules state.
+    pub fn by(rules: Option<&ScoringRules>, h_um: f64) -> Self {
+        let of = |gate: fn(&ScoringRules) -> Option<f64>| rules.and_then(gate);
+        let default = ScoringGates::over(h_um);
+        let (xy_px, z_um) = (of(|rules| rules.gate_xy_px), of(|rules| rules.gate_z_um));
+        ScoringGates { xy_px: xy_px.unwrap_or(default.xy_px), z_um: z_um.unwrap_or(default.z_um), ..default }
     }
 }
 

@@ -31,7 +31,7 @@ pub fn write(
 fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[SizeFacts]) -> Result<String> {
     let (spec, settings) = (&scenario.spec, &scenario.settings);
     let (low, high) = scenario.depth_range_um;
-    let gates = ScoringGates::over(high - low);
+    let gates = ScoringGates::by(spec.scoring.as_ref(), high - low);
     let what = frames(scenario);
     let Description { optics, method } = scenario.renderer.description();
     let focus = if scenario.renderer.depends_on_depth() { "out of focus" } else { "all in focus" };

@@ -168,7 +168,8 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
         motion: Some(motion(scenario)),
         truth_grid: Some(truth_grid(scenario)),
         max_displacement_px: Some(census.max_displacement_px),
-        scoring_gates: Some(ScoringGates::over(high - low)),
+        scoring_gates: Some(ScoringGates::by(scenario.spec.scoring.as_ref(), high - low)),
+        scoring: scenario.spec.scoring.clone(),
         ..Facts::default()
     }
 }

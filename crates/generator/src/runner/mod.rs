@@ -28,8 +28,8 @@ pub use render::{RenderOptions, Rendered, render, render_particles};
 pub use reports::Reports;
 pub use shard::Shard;
 pub use suite::{
-    FROZEN, Frozen, FrozenDataset, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection, check_suite,
-    digests, generate_suite, same_dataset,
+    FROZEN, Frozen, FrozenDataset, RECORD, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection,
+    check_rules, check_suite, digests, generate_suite, same_dataset,
 };
 pub use sweep::{SweepOptions, Swept, collect, sweep};
 pub use verify::{Verified, verify};

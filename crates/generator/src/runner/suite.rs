@@ -19,7 +19,7 @@ use super::progress::Progress;
 use super::shard::Shard;
 use super::sweep::{Outcome, Swept, attempt, reason, refuse_existing};
 use super::verify::verify;
-use dataset::manifest::MANIFEST;
+use dataset::manifest::{MANIFEST, Manifest};
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
 use storage::advice;
 use storage::advice::option;
@@ -95,16 +95,42 @@ pub struct SuiteRecord {
     pub version: String,
     /// Size.
     pub size: Size,
+    /// In a release: the hash of the images of each test split, by `TRACK/CASE`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub images_sha256: BTreeMap<String, String>,
+    /// In a release: the last day for submissions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deadline: Option<String>,
 }
 
 /// Name of the record.
-const RECORD: &str = "suite.json";
+pub const RECORD: &str = "suite.json";
 /// Name of the table of all datasets.
 const TABLE: &str = "suite.csv";
 
 impl SuiteRecord {
-    fn of(suite: &Suite, size: Size) -> Self {
-        SuiteRecord { name: suite.spec.name.clone(), version: suite.spec.version.clone(), size }
+    /// The record of a generated suite.
+    pub fn of(suite: &Suite, size: Size) -> Self {
+        let (name, version) = (suite.spec.name.clone(), suite.spec.version.clone());
+        SuiteRecord { name, version, size, images_sha256: BTreeMap::new(), deadline: None }
+    }
+
+    /// The suite with its version and size.
+    pub fn edition(&self) -> String {
+        format!("{} {}, size {}", self.name, self.version, self.size.name())
+    }
+
+    /// Whether this is a release, whose test splits have secret keys.
+    pub fn is_release(&self) -> bool {
+        !self.images_sha256.is_empty()
+    }
+
+    /// The test split of a `TRACK/CASE` in the folder of the record: as generated, as released, or as unpacked by
+    /// participants.
+    pub fn test_split(&self, folder: &Path, case: &str) -> Option<PathBuf> {
+        let unpacked = format!("{}-{}-test", self.name, case.to_lowercase().replace('/', "-"));
+        let places = [format!("{case}/test"), format!("{case}/withheld/test"), unpacked];
+        places.iter().map(|place| folder.join(place)).find(|place| place.is_dir())
     }
 
     /// Reads the record of a generated suite.
@@ -114,7 +140,8 @@ impl SuiteRecord {
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(RECORD);
         if !path.is_file() {
-            let hint = format!("has no {RECORD}; expected a folder created by `microsig suite generate`");
+            let hint =
+                format!("has no {RECORD}; expected a folder of `microsig suite generate` or `suite release`");
             return Err(Error::input(format!("{}: {hint}", folder.display())));
         }
         storage::json::parse(&read_text(&path)?).map_err(|e| Error::input(format!("{}: {e}", path.display())))
@@ -126,7 +153,7 @@ impl SuiteRecord {
     /// [`Error::Input`] with both.
     pub fn matches(&self, suite: &Suite, folder: &Path) -> Result<()> {
         let expected = SuiteRecord::of(suite, self.size);
-        if *self == expected {
+        if (&self.name, &self.version) == (&expected.name, &expected.version) {
             return Ok(());
         }
         Err(Error::input(format!(
@@ -137,6 +164,21 @@ impl SuiteRecord {
             expected.name,
             expected.version
         )))
+    }
+}
+
+/// Refuses a dataset whose rules are not those of its case; one of an earlier version may state none unless `stated`.
+///
+/// # Errors
+/// [`Error::Input`] with the dataset.
+pub fn check_rules(case: &SuiteCase, dataset: &Path, stated: bool) -> Result<()> {
+    match Manifest::read(dataset)?.microsig.scoring {
+        None if !stated => Ok(()),
+        Some(rules) if rules == case.rules => Ok(()),
+        _ => {
+            let what = "its gates and scores are not those of the suite; generate it again";
+            Err(Error::input(format!("{}: {what}", dataset.display())))
+        }
     }
 }
 

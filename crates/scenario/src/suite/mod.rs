@@ -10,7 +10,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 pub use read::suite_schema;
-pub use spec::{AxisLabel, LadderSpec, Metric, Size, SizeSpec, Sizes, SuiteSpec, TrackSpec};
+pub use spec::{AxisLabel, LadderSpec, Size, SizeSpec, Sizes, SuiteSpec, TrackSpec};
+
+pub use dataset::manifest::Metric;
+use dataset::manifest::{ScoringRules, SuitePlace};
 
 use super::load::{Assignment, set};
 use super::shipped::{SHIPPED, shipped_suites};
@@ -70,10 +73,8 @@ pub struct SuiteCase {
     pub name: String,
     /// The values that distinguish it from other cases of its ladder.
     pub axes: Vec<AxisValue>,
-    /// Dimensions in which particles are scored, if the suite sets them.
-    pub dims: Option<u8>,
-    /// The scores by which it is ranked, in order of priority.
-    pub rank_by: Vec<Metric>,
+    /// How it is scored and ranked.
+    pub rules: ScoringRules,
     /// Number of pairs, frames or bursts of train, val and test.
     pub counts: [u32; 3],
     /// The scenario of train, with the changes of the size.
@@ -173,13 +174,27 @@ impl Suite {
                         spec = set(&spec, &path, &value)?;
                     }
                     spec.name = format!("{}-{}-{}", self.spec.name, track.name.to_lowercase(), rung.name);
+                    let dims = ladder.dims.or(track.dims);
+                    let rules = ScoringRules {
+                        gate_xy_px: track.gate_xy_px,
+                        gate_z_um: track.gate_z_um.filter(|_| dims != Some(2)),
+                        dims,
+                        rank_by: ladder.rank_by.as_ref().unwrap_or(&track.rank_by).clone(),
+                        suite: Some(SuitePlace {
+                            name: self.spec.name.clone(),
+                            version: self.spec.version.clone(),
+                            size: size.name().to_owned(),
+                            track: track.name.clone(),
+                            case: rung.name.clone(),
+                        }),
+                    };
+                    spec.scoring = Some(rules.clone());
                     cases.push(SuiteCase {
                         track: track.name.clone(),
                         ladder: ladder.name.clone(),
                         name: rung.name.clone(),
                         axes: rung.axes.clone(),
-                        dims: ladder.dims.or(track.dims),
-                        rank_by: ladder.rank_by.as_ref().unwrap_or(&track.rank_by).clone(),
+                        rules,
                         counts: [of_size.train, of_size.val, of_size.test],
                         spec,
                         inputs: rung.inputs.clone(),

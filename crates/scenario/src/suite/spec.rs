@@ -1,5 +1,6 @@
 //! The keys of a suite file.
 
+use dataset::manifest::Metric;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use storage::advice;
@@ -37,11 +38,11 @@ pub struct TrackSpec {
     pub rank_by: Vec<Metric>,
     /// Radius of the matching gate in the image plane, px; by default that of `evaluate`.
     #[serde(default)]
-    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1000))]
+    #[schemars(range(min = 1e-6, max = 1000))]
     pub gate_xy_px: Option<f64>,
     /// Half-height of the matching gate along z, um; by default a tenth of the depth range.
     #[serde(default)]
-    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
+    #[schemars(range(min = 1e-6, max = 1e6))]
     pub gate_z_um: Option<f64>,
     /// Dimensions in which particles are scored; by default 3 if truth and result have depth.
     #[serde(default)]
@@ -131,54 +132,6 @@ pub struct AxisLabel {
 
 fn one() -> f64 {
     1.0
-}
-
-/// A score by which a track is ranked: its key in `score.json`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Metric {
-    /// `detection.f1`.
-    F1,
-    /// `detection.recall`.
-    Recall,
-    /// `detection.precision`.
-    Precision,
-    /// `detection.rmse_xy_px`: RMS distance of found particles in the image plane.
-    RmseXyPx,
-    /// `gdpt.sigma_z_over_h`: RMS error of depth over the depth range.
-    SigmaZOverH,
-    /// `crps.xy_px`: positions x and y with their claimed uncertainties; missed particles and ghosts count as the
-    /// gate.
-    CrpsXyPx,
-    /// `crps.z_um`: the same for z.
-    CrpsZUm,
-    /// `links.f1`.
-    LinkF1,
-    /// `hota.hota`.
-    Hota,
-    /// `isbi.beta`.
-    IsbiBeta,
-    /// `lpt.correct`: found particles per true particle.
-    LptCorrect,
-    /// `lpt.ghost`: ghosts per true particle.
-    LptGhost,
-    /// `lpt.velocity_rms_um_s`: RMS error of velocity.
-    VelocityRmsUmS,
-    /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids; missed spheroids and
-    /// ghosts count as 90 degrees.
-    AngleMeanAllDeg,
-    /// `field.valid_vector_probability`.
-    ValidVectorProbability,
-    /// RMS error of displacement of inliers, from `field.u_inliers.rms_px` and `field.v_inliers.rms_px`.
-    RmsInliersPx,
-    /// `field.nodes.valid`: share of the reference nodes at which the error is below half of the RMS of the
-    /// true displacement about its mean, at most 1 px.
-    ValidNodes,
-    /// `field.nodes.rms_px`: RMS error over all reference nodes; a missing displacement and an error above 1
-    /// px count as 1 px.
-    RmsNodesPx,
-    /// `field.nodes.response`: amplitude response over all reference nodes, ranked by its distance from 1.
-    ResponseNodes,
 }
 
 /// Size of a suite.

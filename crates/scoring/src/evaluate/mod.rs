@@ -147,6 +147,8 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
         let what = format!(": is for results that are {of}; this one is {is}");
         return Err(Error::option(advice!(option, what)));
     }
+    let options = &options.or(&truth.facts.rules);
+    options.check()?;
     let lacks = |what: &str| Error::input(format!("{}: no truth of {what}", truth.facts.name));
     let mut evaluation = match result {
         TrackerResult::Points(points) if truth.facts.is_recording => {
@@ -177,6 +179,7 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
         score.definitions.truth_sha256 = None;
     }
     score.definitions.axes = truth.axes.clone();
+    score.definitions.rank_by.clone_from(&truth.facts.rules.rank_by);
     if let Some(scenario) = truth.scenario.as_ref().filter(|_| options.crlb) {
         let sizes = truth.particles.as_ref().map_or(&[][..], |particles| &particles.sizes);
         match crlb::of_scenario(scenario, sizes, score.detection.as_ref(), &score.curves)? {

@@ -3,7 +3,7 @@
 use super::gate::{Edge, Gate, Shape};
 use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};
-use dataset::manifest::ScoringGates;
+use dataset::manifest::{ScoringGates, ScoringRules};
 use microsig_core::render::Context;
 use storage::advice::{Named, flag, option};
 use storage::error::{Error, Result};
@@ -64,6 +64,17 @@ impl EvaluateOptions {
         if wrong.is_empty() { Ok(()) } else { Err(Error::Options(wrong)) }
     }
 
+    /// The same with the rules of the dataset in place of options that are not given.
+    pub(super) fn or(&self, rules: &ScoringRules) -> Self {
+        let dims = self.dims.or(rules.dims);
+        EvaluateOptions {
+            gate_xy_px: self.gate_xy_px.or(rules.gate_xy_px),
+            gate_z_um: self.gate_z_um.or(rules.gate_z_um.filter(|_| dims != Some(2))),
+            dims,
+            ..self.clone()
+        }
+    }
+
     /// The first given option that applies only to the other kind of result (`field` or particles).
     pub(super) fn of_others(&self, field: bool) -> Option<Named> {
         let of_particles = [
@@ -99,7 +110,10 @@ pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &Evalu
         Some(2) => Ok(false),
         Some(3) if both => Ok(true),
         Some(3) => {
-            Err(Error::option(advice!(option("dims").of(3), ": truth and result must both have a depth")))
+            let by_rules =
+                if truth.facts.rules.dims == Some(3) { ", as the rules of the dataset state" } else { "" };
+            let what = format!(": truth and result must both have a depth{by_rules}");
+            Err(Error::option(advice!(option("dims").of(3), what)))
         }
         Some(other) => Err(Error::option(advice!(option("dims").of(other), ": expected 2 or 3"))),
     }

@@ -4,6 +4,8 @@
 
 use std::collections::BTreeMap;
 
+use dataset::manifest::Metric;
+
 use super::gate::Gate;
 use super::hint::Hint;
 use super::uncertainty::Uncertainty;
@@ -181,6 +183,9 @@ scores! {
         pub bootstrap_seed: u64,
         /// Parameter values of the dataset in its sweep, by key; empty if it is not a case of a sweep.
         pub axes: BTreeMap<String, serde_json::Value>,
+        /// The scores by which the dataset ranks results, in order of priority; left out if it states none.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub rank_by: Vec<Metric>,
         /// Versions of scorer and dataset.
         pub versions: Versions,
     }
