@@ -23,6 +23,7 @@ import sys
 import time
 import tomllib
 import venv
+import zipfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -51,6 +52,9 @@ OWN = {
 # What a result depends on in a test split, and what trackers do not see of it, except the times in truth/frames.csv.
 SEEN = ("images/", "calibration/", "settings.txt", "truth/frames.csv")
 HIDDEN = ("truth/", "particles/", "scenario.ron", "preview.png", "README.md", "SHA256SUMS")
+DECLARATION = (
+    "x_px to the right and y_px downward, center of the top-left pixel at (1, 1); z_um physical depth in um, growing away from the lens; frames from 0"
+)
 NOTES = """
 Trackers see images, calibration images, optics and times of the test splits, but not the truth. The seeds of these test splits are public, so the \
 leaderboard relies on the honesty of participants; `microsig suite release` makes challenges with secret keys.
@@ -120,15 +124,11 @@ def trackers():
 
 
 def suite_cases(microsig, suite, size):
-    """All cases, with the options of `microsig evaluate` by which each is scored."""
+    """All cases."""
     said = subprocess.run([microsig, "suite", "list", suite, "--size", size, "--json"], check=True, capture_output=True, text=True).stdout
     for track in json.loads(said)["tracks"]:
         for case in track["cases"]:
-            rules = {"--gate-xy": track.get("gate_xy_px"), "--gate-z": track.get("gate_z_um"), "--dims": case.get("dims")}
-            yield {
-                "track": track["track"], "case": case["case"], "folder": f"{track['track']}/{case['case']}", "depth": case.get("dims") == 3,
-                "rules": " ".join(f"{option} {value}" for option, value in rules.items() if value is not None),
-            }
+            yield {"track": track["track"], "case": case["case"], "folder": f"{track['track']}/{case['case']}", "depth": case.get("dims") == 3}
 
 
 def blind(dataset, place):
@@ -223,7 +223,6 @@ def tune(microsig, datasets, tracker, case):
     dataset, start = datasets / case["folder"], f"params/start/{case['track']}.json"
     command = [tracker.python, "tune.py", dataset / "train", "--val", dataset / "val", "--out", params, "--log", "tuning.csv"]
     command += ["--start", start] if (tracker.folder / start).is_file() else []
-    command += [f"--evaluate={case['rules']}"] if case["rules"] else []
     begun = time.perf_counter()
     ran = subprocess.run(command, cwd=tracker.folder, env=os.environ | {"MICROSIG": str(microsig)}, capture_output=True, text=True)
     return f"no parameters found: {ran.stderr}" if ran.returncode else f"{params} after {time.perf_counter() - begun:.0f} s"
@@ -285,16 +284,46 @@ def write(out, work, all_trackers, notes):
     return [r for r in runs if r["failure"]]
 
 
-def about(results, tracker, cases):
-    """Purpose and times for the page: RESULTS/TRACKER/tracker.json."""
-    times = {}
+def rounded(cell):
+    """A number with four decimals, which is far less than any error."""
+    try:
+        return repr(round(float(cell), 4)) if "." in cell else cell
+    except ValueError:
+        return cell
+
+
+def pack(microsig, work, out, tracker, cases):
+    """The results in a small form, OUT/TRACKER.zip, in which they are scored and published: `suite score --against` reads them."""
+    datasets, times, images, files = work / "datasets", {}, {}, {}
+    suite = json.loads((datasets / "suite.json").read_text())
     for case in cases:
-        record = results / tracker.name / case["folder"] / "run.json"
-        if record.is_file() and not (ran := json.loads(record.read_text()))["failure"]:
-            times[case["folder"]] = ran["seconds_per_frame"]
-    if (results / tracker.name).is_dir():
-        text = json.dumps({"made_for": " ".join(tracker.made_for.split()), "seconds_per_frame": times}, indent=2)
-        (results / tracker.name / "tracker.json").write_text(text + "\n")
+        folder = work / "results" / tracker.name / case["folder"]
+        if not (folder / "results.csv").is_file():
+            continue
+        times[case["folder"]] = json.loads((folder / "run.json").read_text())["seconds_per_frame"]
+        sums = (datasets / case["folder"] / "test/SHA256SUMS").read_text().splitlines(keepends=True)
+        images[case["folder"]] = hashlib.sha256("".join(line for line in sums if "  images/" in line).encode()).hexdigest()
+        with open(folder / "results.csv", newline="") as file:
+            rows = [",".join(map(rounded, row)) + "\n" for row in csv.reader(file)]
+        files[f"{case['folder']}/results.csv"] = "".join(rows)
+    if not files:
+        return
+    host, said = machine(microsig), subprocess.run([microsig, "--version"], check=True, capture_output=True, text=True).stdout
+    by, command = ("microsig", ["microsig track", *tracker.own]) if tracker.own else (
+        "others, run by microsig", [tracker.about.get("command", "python track.py")])
+    version = said.strip() if tracker.own else f"versions/{tracker.name}.txt"
+    files["submission.json"] = json.dumps({
+        "team": by, "method": tracker.name, "version": version, "params": {}, "runtime_s": None, "hardware": host,
+        "coordinate_declaration": DECLARATION, "suite": f"{suite['name']} {suite['version']}, size {suite['size']}", "images_sha256": images,
+    }, indent=2) + "\n"
+    files["tracker.json"] = json.dumps({
+        "made_for": " ".join(tracker.made_for.split()), "by": by, "version": version, "command": " ".join(command),
+        "machine": host, "seconds_per_frame": times,
+    }, indent=2) + "\n"
+    out.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(out / f"{tracker.name}.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(zipfile.ZipInfo(name), text, zipfile.ZIP_DEFLATED)
 
 
 def revision(suite):
@@ -355,9 +384,11 @@ def main():
         for case in [] if options.page_only else entered:
             print(f"{tracker.name} on {case['folder']}: {run(microsig, work, tracker, case, options.limit_s)}", flush=True)
     forget(results, usable, cases)
+    packed = options.out / options.size / "results"
+    shutil.rmtree(packed, ignore_errors=True)
     for tracker in usable:
-        about(results, tracker, cases)
-    score = ["suite", "score", options.suite, work / "datasets", "--results", results, "--out", work / "scores", "--force", "--quiet"]
+        pack(microsig, work, packed, tracker, cases)
+    score = ["suite", "score", options.suite, work / "datasets", "--results", packed, "--out", work / "scores", "--force", "--quiet"]
     subprocess.run([microsig, *score, *(["--track", options.tracks[0]] if len(options.tracks) == 1 else [])], check=True)
     made = f"Made by `{' '.join(['examples/trackers/leaderboard.py', *sys.argv[1:]])}`; suite, scripts and parameters: {revision(options.suite)}."
     failed = write(options.out / options.size, work, usable, [made, machine(microsig) + ".", *notes])
