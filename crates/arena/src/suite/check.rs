@@ -9,6 +9,8 @@ use super::RESULT;
 use super::entry::Entry;
 use crate::release::Deadline;
 use generator::runner::{RECORD, SuiteRecord};
+use scoring::evaluate::measurement::{beyond, facts_of};
+use scoring::results::{self, Conventions};
 use storage::error::{Error, Result};
 
 /// A submission to a suite of which something can be scored.
@@ -46,8 +48,14 @@ pub fn check(record: &SuiteRecord, datasets: &Path, cases: &[String], submission
                 datasets.display()
             )),
             Some(test) => match entry.result(record, case, &test) {
-                Ok(Some((_, more))) => {
+                Ok(Some((result, more))) => {
                     found += 1;
+                    let given = Conventions::default();
+                    let facts = facts_of(&test, &given)?;
+                    match results::read(&result, &given.completed(&facts)) {
+                        Ok(read) => problems.extend(beyond(&facts, &result, &read)),
+                        Err(e) => problems.extend(e.problems()),
+                    }
                     warnings.extend(more.iter().map(|warning| format!("{case}: {warning}")));
                 }
                 Ok(None) => missing.push(case.clone()),
