@@ -48,9 +48,8 @@ def real(name: str, value: Any, low: float = -math.inf, high: float = math.inf, 
     return number
 
 
-def interval(name: str, value: Any) -> tuple[float, float]:
+def interval(name: str, value: Any, allowed: str = "expected two numbers, the lower one first") -> tuple[float, float]:
     """Two numbers, whose order the compiled part checks."""
-    allowed = "expected two numbers, the lower one first"
     if not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, str) or len(value) != 2:
         raise TypeError(f"{name} = {value!r}: {allowed}")
     low, high = (real(name, end, what="two numbers") for end in value)

@@ -127,6 +127,7 @@ class How(TypedDict):
     origin: str | None
     unit: str | None
     y_up: bool | None
+    shift_px: tuple[float, float]
     frame_base: int | None
     um_per_px: float | None
     dt_s: float | None

@@ -187,6 +187,7 @@ def evaluate(
     origin: Literal["center1", "center0", "corner0", "middle"] | None = None,
     unit: str | None = None,
     y: Literal["down", "up"] | None = None,
+    shift_px: tuple[float, float] = (0.0, 0.0),
     frame_base: int | None = None,
     um_per_px: float | None = None,
     dt_s: float | None = None,
@@ -215,6 +216,7 @@ def evaluate(
     :param origin: where the result has the first pixel's center, by default as usual in its format
     :param unit: unit of x and y in the result (``px``, ``um``, ``mm``, ...), by default as stated in it or usual in its format
     :param y: which way y grows in the result
+    :param shift_px: added to x and y in the image, px, for a result with an origin of its own
     :param frame_base: number of the result's first frame
     :param um_per_px: object-space length of a pixel, um, for a bare table. A file of a field that states no units is then in m,
         mm or um
@@ -243,6 +245,7 @@ def evaluate(
         "origin": optional(one_of, "origin", origin, ("center1", "center0", "corner0", "middle")),
         "unit": None if unit is None else str(unit),
         "y_up": None if y is None else one_of("y", y, ("down", "up")) == "up",
+        "shift_px": interval("shift_px", shift_px, "expected two numbers"),
         "frame_base": optional(whole, "frame_base", frame_base, -(2**31), 2**31),
         "um_per_px": optional(real, "um_per_px", um_per_px),
         "dt_s": optional(real, "dt_s", dt_s),

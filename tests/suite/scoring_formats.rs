@@ -51,6 +51,59 @@ fn every_format_of_particles_scores_as_the_canonical_one() {
     }
 }
 
+/// The rows of docs/conventions.md: files that other programs wrote, the options that read them, and the errors.
+#[test]
+fn files_of_other_programs_are_read_as_the_page_says() {
+    let place = tempfile::tempdir().unwrap();
+    let root = suite::data().join("../..");
+    let scenario = std::fs::read_to_string(root.join("examples/conventions/scenario.ron")).unwrap();
+    let dataset = suite::microsig::generate(place.path(), "conventions", &scenario);
+    let page = std::fs::read_to_string(root.join("docs/conventions.md")).unwrap();
+    let mut files = Vec::new();
+    for row in page.lines().filter(|line| line.starts_with("| ") && line.contains("(`c")) {
+        let cells: Vec<&str> = row.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        let (file, options, expected) = (cells[3], cells[8].replace("no option", ""), cells[9]);
+        let (out, result) = (place.path().join(file), suite::data().join("conventions").join(file));
+        let mut arguments = vec!["evaluate", path(&dataset), path(&result), "--out", path(&out)];
+        arguments.extend(options.split_whitespace());
+        run(&arguments);
+        let text = std::fs::read_to_string(out.join("score.json")).unwrap();
+        let score: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let field = |axis: &str| score["field"][axis]["rms_px"].as_f64();
+        let rms = match field("u").zip(field("v")) {
+            Some((u, v)) => u.hypot(v),
+            None => score["detection"]["rmse_xy_px"].as_f64().unwrap(),
+        };
+        assert_eq!(format!("{rms:.4}"), expected, "{row}");
+        assert_eq!(score["hints"].as_array().map(Vec::len), Some(0), "{row}: {}", score["hints"]);
+        files.push(file.to_owned());
+    }
+    let all = std::fs::read_dir(suite::data().join("conventions")).unwrap();
+    let mut all: Vec<String> = all.map(|f| f.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    files.sort();
+    all.sort();
+    assert_eq!(files, all);
+}
+
+#[test]
+fn a_column_of_depths_that_is_empty_in_every_row_is_no_depth() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("r.csv");
+    for (rows, has_z, n, expected) in [
+        ("0,1,2,3,\n1,1,2,3,NA\n", false, 2, "z is empty in every row: no depth"),
+        ("0,1,2,3,\n1,1,2,3,-4\n2,1,,3,5\n", true, 1, "2 rows without coordinates were dropped (lines 2, 4)"),
+    ] {
+        std::fs::write(&file, format!("frame,track,x_px,y_px,z_um\n{rows}")).unwrap();
+        let TrackerResult::Points(points) = read(&file, &given()).unwrap() else { panic!("a field") };
+        assert_eq!((points.has_z, points.rows.len(), points.lines.len()), (has_z, n, n), "{rows}");
+        assert!(points.notes.iter().any(|note| note == expected), "{:?}", points.notes);
+    }
+    std::fs::write(&file, "frame,x_px,y_px\n0,2,3\n").unwrap();
+    let one = Conventions { frame_base: Some(1), ..given() };
+    let said = read(&file, &one).unwrap_err().to_string();
+    assert!(said.ends_with("from 1 on (--frame-base, in Python frame_base)"), "{said}");
+}
+
 #[test]
 fn every_format_of_fields_holds_the_canonical_one() {
     let field = |file: &str| match read(folder().join(file), &given()).unwrap() {

@@ -107,13 +107,14 @@ impl Scan {
             return Err(Error::input(format!("more than {MAX_PIXELS} pixels: crop the scan or omit planes")));
         }
         let (n, given) = (planes.len(), stage_um.len());
-        if n < MIN_PLANES {
-            let what = format!("{n} planes; expected at least {MIN_PLANES}, on both sides of the focus");
-            return Err(Error::input(what));
-        }
         if n != given || stage_um.iter().any(|z_um| !z_um.is_finite()) {
             let what = format!(": {given} positions; expected a finite one for each of the {n} planes");
             return Err(Error::option(advice!(option("z"), what)));
+        }
+        let depths = stage_um.chunk_by(|a, b| a == b).count();
+        if depths < MIN_PLANES {
+            let what = format!("{depths} planes; expected at least {MIN_PLANES}, on both sides of the focus");
+            return Err(Error::input(what));
         }
         check_monotonic(&stage_um)?;
         let full_scale = saturation(&planes, full_scale);
@@ -157,16 +158,14 @@ impl Scan {
     /// # Errors
     /// [`Error::Input`] if the range has too few planes or exceeds the scan.
     pub fn cut(mut self, first: usize, last: usize) -> Result<Scan> {
-        let mut numbers = vec![0];
-        for pair in self.stage_um.windows(2) {
-            numbers.push(numbers[numbers.len() - 1] + usize::from(pair[0] != pair[1]));
-        }
-        let n = numbers[numbers.len() - 1] + 1;
+        let frames: Vec<usize> = self.stage_um.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
+        let n = frames.len();
         if last >= n || first > last || last - first + 1 < MIN_PLANES {
             let what = format!(": expected a range of at least {MIN_PLANES} planes within 0-{}", n - 1);
             return Err(Error::option(advice!(option("planes").of(format!("{first}-{last}")), what)));
         }
-        let range = numbers.partition_point(|k| *k < first)..numbers.partition_point(|k| *k <= last);
+        let [start, end]: [usize; 2] = [first, last + 1].map(|plane| frames[..plane].iter().sum());
+        let range = start..end;
         self.planes = self.planes.drain(range.clone()).collect();
         self.stage_um = self.stage_um[range].to_vec();
         Ok(self)
@@ -376,6 +375,8 @@ mod tests {
         assert_eq!(scan.stage_um[20], -6.0);
         assert_eq!(scan.clone().cut(0, 6).unwrap().planes.len(), 21);
         assert!(scan.cut(0, 7).is_err());
+        let few = Scan::new((1, 1), vec![vec![9]; 9], (0..9).map(|k| f64::from(k / 3)).collect(), u16::MAX);
+        assert!(few.unwrap_err().to_string().starts_with("3 planes; expected at least 7"));
     }
 
     #[test]

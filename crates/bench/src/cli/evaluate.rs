@@ -64,6 +64,9 @@ pub(super) struct Evaluate {
     /// Direction of the y axis in the result [default: down]
     #[arg(long, value_enum)]
     y: Option<Direction>,
+    /// Added to x and y in the image, for a result with an origin of its own
+    #[arg(long, value_names = ["PX", "PX"], num_args = 2)]
+    shift: Option<Vec<f64>>,
     /// Number of the result's first frame [default: that of the format]
     #[arg(long, value_name = "N")]
     frame_base: Option<i64>,
@@ -123,6 +126,7 @@ impl Evaluate {
             origin: self.origin,
             unit: self.unit,
             y_up: self.y.map(|y| y == Direction::Up),
+            shift_px: self.shift.as_deref().and_then(|by| by.try_into().ok()).unwrap_or_default(),
             frame_base: self.frame_base,
             um_per_px: self.um_per_px,
             dt_s: self.dt,

@@ -70,6 +70,8 @@ struct Suspect<'a> {
     how: String,
     convention: Convention<'a>,
     options: Vec<Named>,
+    /// The conventions that the options state; as now without options.
+    read_as: Conventions,
 }
 
 /// F1 within which conventions count as equally good, and the one with the smallest errors is the best.
@@ -129,17 +131,21 @@ impl<'a> ConventionCheck<'a> {
         };
         let mut hints = Vec::new();
         let bias = score.bias_x_px.zip(score.bias_y_px);
-        for family in [self.frames()?, self.axes()?, self.lengths(now)?] {
+        let read_as = self.read_as;
+        for family in [self.frames(read_as)?, self.axes()?, self.lengths(read_as, now)?] {
             hints.extend(self.best(family, now, false, FAR_SMALLER)?);
         }
         // A bias of almost exactly 0.5 or 1 px along both axes is suspicious regardless of the random error.
         let is = |size: f64| bias.is_some_and(|(x, y)| [x, y].iter().all(|b| (b.abs() - size).abs() <= 0.1));
         let share = if is(0.5) || is(1.0) { 1.0 } else { FAR_SMALLER };
-        hints.extend(self.best(self.origins(bias)?, now, false, share)?);
+        hints.extend(self.best(self.origins(read_as, bias)?, now, false, share)?);
         if !self.flat
             && let Some(depths) = self.depths()?
         {
             hints.extend(self.best(vec![depths], now, true, FAR_SMALLER)?);
+        }
+        if hints.is_empty() && now.f1 < HARDLY_CHANCE {
+            hints.extend(self.best(self.pairs(now)?, now, false, FAR_SMALLER)?);
         }
         hints.sort_by(|a, b| b.f1.partial_cmp(&a.f1).unwrap_or(std::cmp::Ordering::Equal));
         if hints.is_empty() && now.f1 < HARDLY_CHANCE {
@@ -264,11 +270,43 @@ impl<'a> ConventionCheck<'a> {
             let at = other.position(x, y, z).ok()??;
             Some(TrackRow { frame: other.frame(frame).ok()?, at, ..*row })
         });
-        Ok(Suspect { question, how, convention, options })
+        Ok(Suspect { question, how, convention, options, read_as })
+    }
+
+    /// A suspect that changes positions only, for which there is no option.
+    fn placed<'b>(
+        &self,
+        question: &str,
+        how: &str,
+        place: impl Fn(&Position) -> Position + 'b,
+    ) -> Suspect<'b> {
+        let convention: Convention<'b> = Box::new(move |row| Some(TrackRow { at: place(&row.at), ..*row }));
+        let (question, how) = (question.to_owned(), how.to_owned());
+        Suspect { question, how, convention, options: Vec::new(), read_as: self.read_as }
+    }
+
+    /// Two mistakes of which none alone explains the errors: y or the first frame, and y, the unit or the origin.
+    fn pairs(&self, now: Quality) -> Result<Vec<Suspect<'_>>> {
+        let mut pairs = Vec::new();
+        let (frames, reversed) = (self.frames(self.read_as)?, self.reversed(self.read_as)?);
+        for (k, first) in reversed.into_iter().chain(frames).enumerate() {
+            let mut others = self.lengths(first.read_as, now)?;
+            others.extend(self.origins(first.read_as, None)?);
+            others.extend(self.reversed(first.read_as)?.filter(|_| k > 0));
+            for second in others {
+                pairs.push(Suspect {
+                    question: format!("{} {}", first.question, second.question),
+                    how: format!("{}; {}", first.how, second.how),
+                    options: [first.options.clone(), second.options].concat(),
+                    ..second
+                });
+            }
+        }
+        Ok(pairs)
     }
 
     /// Another first frame: off by one, or such that the first or last frames of truth and result are the same.
-    fn frames(&self) -> Result<Vec<Suspect<'_>>> {
+    fn frames(&self, from: Conventions) -> Result<Vec<Suspect<'_>>> {
         let ends = |rows: &[TrackRow]| {
             let frames = || rows.iter().map(|row| i64::from(row.frame));
             frames().min().zip(frames().max())
@@ -283,12 +321,12 @@ impl<'a> ConventionCheck<'a> {
             if by == 0 || by > first {
                 continue;
             }
-            let base = self.read_as.frame_base.unwrap_or(PARTICLES.frame_base) + by;
+            let base = from.frame_base.unwrap_or(PARTICLES.frame_base) + by;
             let amount = if by.abs() == 1 { "one".to_owned() } else { by.abs().to_string() };
             family.push(self.with_options(
                 format!("frames off by {amount}?"),
                 format!("With {base} as the number of the first frame"),
-                Conventions { frame_base: Some(base), ..self.read_as },
+                Conventions { frame_base: Some(base), ..from },
                 vec![option("frame_base").of(base)],
             )?);
         }
@@ -296,25 +334,29 @@ impl<'a> ConventionCheck<'a> {
     }
 
     /// Another position of the first pixel's center.
-    fn origins(&self, bias: Option<(f64, f64)>) -> Result<Vec<Suspect<'_>>> {
+    fn origins(&self, from: Conventions, bias: Option<(f64, f64)>) -> Result<Vec<Suspect<'_>>> {
         let bias = bias.map_or(String::new(), |(x, y)| format!("bias is ({x:+.3}, {y:+.3}) px; "));
         let how = |by: f64| format!("{bias}with x and y moved by {by:+} px");
         let question = "origin mismatch?".to_owned();
-        let (mut family, mut tried) = (Vec::new(), Vec::new());
-        let shift = |origin: Origin| origin.shift_px(&self.read_as).map(|shift| shift[0]);
-        let now = shift(self.read_as.origin.unwrap_or(PARTICLES.origin))?;
-        for origin in [Origin::Center0, Origin::Corner0, Origin::Center1] {
-            let by = shift(origin)? - now;
-            if by.abs() == 0.5 || by.abs() == 1.0 {
-                tried.push(by);
-                let read_as = Conventions { origin: Some(origin), ..self.read_as };
-                let options = vec![option("origin").is(origin.names()[0])];
-                family.push(self.with_options(question.clone(), how(by), read_as, options)?);
-            }
-        }
-        for by in [-1.0, -0.5, 0.5, 1.0].into_iter().filter(|by| !tried.contains(by)) {
-            let moved = move |at: &Position| Position { x_px: at.x_px + by, y_px: at.y_px + by, ..*at };
-            family.push(placed(&question, &how(by), moved));
+        let mut family = Vec::new();
+        let shift = |origin: Origin| origin.shift_px(&from).map(|shift| shift[0]);
+        let now = shift(from.origin.unwrap_or(PARTICLES.origin))?;
+        for by in [-1.0, -0.5, 0.5, 1.0] {
+            let origins = [Origin::Center0, Origin::Corner0, Origin::Center1];
+            let origin =
+                origins.into_iter().find(|origin| shift(*origin).is_ok_and(|other| other - now == by));
+            let shift_px = from.shift_px.map(|shift| shift + by);
+            let (read_as, named) = match origin {
+                Some(origin) => {
+                    let named = option("origin").is(origin.names()[0]);
+                    (Conventions { origin: Some(origin), ..from }, named)
+                }
+                None => {
+                    let [x, y] = shift_px;
+                    (Conventions { shift_px, ..from }, option("shift_px").of(format!("{x} {y}")))
+                }
+            };
+            family.push(self.with_options(question.clone(), how(by), read_as, vec![named])?);
         }
         Ok(family)
     }
@@ -322,40 +364,45 @@ impl<'a> ConventionCheck<'a> {
     /// Axes swapped or reversed.
     fn axes(&self) -> Result<Vec<Suspect<'_>>> {
         let swapped = |at: &Position| Position { x_px: at.y_px, y_px: at.x_px, ..*at };
-        let mut family = vec![placed("axes swapped?", "With x and y exchanged", swapped)];
+        let mut family = vec![self.placed("axes swapped?", "With x and y exchanged", swapped)];
         if let Some((width, height)) = self.truth.facts.sensor_px {
             let (x_px, y_px) =
                 (move |at: &Position| width + 1.0 - at.x_px, move |at: &Position| height + 1.0 - at.y_px);
-            let is_up = self.read_as.y_up == Some(true);
-            let (question, way) = if is_up { ("y downward?", "down") } else { ("y upward?", "up") };
-            family.push(self.with_options(
-                question.to_owned(),
-                "With y reversed".to_owned(),
-                Conventions { y_up: Some(!is_up), ..self.read_as },
-                vec![option("y").is(way)],
-            )?);
+            family.extend(self.reversed(self.read_as)?);
             let reversed = move |at: &Position| Position { x_px: x_px(at), ..*at };
-            family.push(placed("x from the right?", "With x reversed", reversed));
+            family.push(self.placed("x from the right?", "With x reversed", reversed));
             let turned = move |at: &Position| Position { x_px: x_px(at), y_px: y_px(at), ..*at };
-            family.push(placed("image turned by 180 degrees?", "With x and y reversed", turned));
+            family.push(self.placed("image turned by 180 degrees?", "With x and y reversed", turned));
         }
         Ok(family)
     }
 
+    /// y in the other direction, if the size of the image is known.
+    fn reversed(&self, from: Conventions) -> Result<Option<Suspect<'_>>> {
+        let is_up = from.y_up == Some(true);
+        let (question, way) = if is_up { ("y downward?", "down") } else { ("y upward?", "up") };
+        let read_as = Conventions { y_up: Some(!is_up), ..from };
+        let suspect = || {
+            let options = vec![option("y").is(way)];
+            self.with_options(question.to_owned(), "With y reversed".to_owned(), read_as, options)
+        };
+        self.truth.facts.sensor_px.map(|_| suspect()).transpose()
+    }
+
     /// x and y in another unit, from any origin; none for a result that is right in most places.
-    fn lengths(&self, now: Quality) -> Result<Vec<Suspect<'_>>> {
+    fn lengths(&self, from: Conventions, now: Quality) -> Result<Vec<Suspect<'_>>> {
         let Some(um_per_px) = self.truth.facts.um_per_px.filter(|_| now.f1 < HARDLY_CHANCE) else {
             return Ok(Vec::new());
         };
         let mut family = Vec::new();
-        let read_now = self.read_as.unit.unwrap_or(PARTICLES.unit);
+        let read_now = from.unit.unwrap_or(PARTICLES.unit);
         for unit in LengthUnit::all().filter(|unit| *unit != read_now) {
             for origin in Origin::ALL {
-                let read_as = Conventions { unit: Some(unit), origin: Some(origin), ..self.read_as };
+                let read_as = Conventions { unit: Some(unit), origin: Some(origin), ..from };
                 let Ok([x0, y0]) = origin.shift_px(&read_as) else { continue };
                 let scale = unit.um().map_or(1.0, |um| um / um_per_px);
                 let mut options = vec![option("unit").is(unit.symbol())];
-                if self.read_as.origin.unwrap_or(PARTICLES.origin) != origin {
+                if from.origin.unwrap_or(PARTICLES.origin) != origin {
                     options.push(option("origin").is(origin.names()[0]));
                 }
                 family.push(self.with_options(
@@ -389,6 +436,7 @@ impl<'a> ConventionCheck<'a> {
             () if near(-1.0) => ("z with the other sign?", -1.0, median_offset(&pairs, -1.0)),
             () if near(1e3) => ("z in mm?", 1e3, median_offset(&pairs, 1e3)),
             () if near(-1e3) => ("z in mm with the other sign?", -1e3, median_offset(&pairs, -1e3)),
+            () if near(1e-3) => ("z in nm?", 1e-3, median_offset(&pairs, 1e-3)),
             () if near(1e6) => ("z in m?", 1e6, median_offset(&pairs, 1e6)),
             () if h.is_some_and(&near) => ("z as a fraction of the depth range?", a, b),
             () if (0.1..=10.0).contains(&a.abs()) => ("z scaled (refraction, or a depth factor)?", a, b),
@@ -403,7 +451,7 @@ impl<'a> ConventionCheck<'a> {
         };
         let b = if a != 1.0 && b.abs() <= small { 0.0 } else { b };
         let place = move |at: &Position| Position { z_um: a * at.z_um + b, ..*at };
-        Ok(Some(placed(question, &format!("With z_um = {sum}"), place)))
+        Ok(Some(self.placed(question, &format!("With z_um = {sum}"), place)))
     }
 
     /// The shift of the whole result, px, and F1 without it, as reported by `--auto-offset`. `None` if no
@@ -479,12 +527,6 @@ impl<'a> ConventionCheck<'a> {
     }
 }
 
-/// A suspect that changes positions only, for which there is no option.
-fn placed<'a>(question: &str, how: &str, place: impl Fn(&Position) -> Position + 'a) -> Suspect<'a> {
-    let convention: Convention<'a> = Box::new(move |row| Some(TrackRow { at: place(&row.at), ..*row }));
-    Suspect { question: question.to_owned(), how: how.to_owned(), convention, options: Vec::new() }
-}
-
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     quantile(&values, 0.5)
@@ -550,14 +592,17 @@ mod tests {
         let file = place.path().join("r.csv");
         std::fs::write(&file, table).unwrap();
         let mut given = Conventions::default().completed(&truth.facts);
-        let words: Vec<&str> = options.split_whitespace().collect();
-        for pair in words.chunks(2) {
-            let (name, value) = (pair[0], serde_json::Value::from(pair[1]));
+        for option in options.split("--").skip(1) {
+            let (name, text) = option.trim().split_once(' ').unwrap();
+            let value = serde_json::Value::from(text);
             match name {
-                "--origin" => given.origin = serde_json::from_value(value).unwrap(),
-                "--unit" => given.unit = serde_json::from_value(value).unwrap(),
-                "--frame-base" => given.frame_base = pair[1].parse().ok(),
-                "--y" => given.y_up = Some(pair[1] == "up"),
+                "origin" => given.origin = serde_json::from_value(value).unwrap(),
+                "unit" => given.unit = serde_json::from_value(value).unwrap(),
+                "shift" => {
+                    given.shift_px = [0, 1].map(|k| text.split(' ').nth(k).unwrap().parse().unwrap());
+                }
+                "frame-base" => given.frame_base = text.parse().ok(),
+                "y" => given.y_up = Some(text == "up"),
                 _ => panic!("{name}"),
             }
         }
@@ -605,6 +650,14 @@ mod tests {
             ("--frame-base 2", table(OWN, 2, um(0.0, 1.0))),
             ("--frame-base 5", table(NAPARI, 5, um(1.0, 1.0))),
             ("--frame-base 1000", table(TRACKPY, 1000, um(1.0, 1.0))),
+            ("--shift -1 -1", table(OWN, 0, |at| [at.x_px + 1.0, at.y_px + 1.0])),
+            // Two mistakes of which none alone explains the errors.
+            (
+                "--y up --unit um",
+                table(TRACKPY, 0, |at| [(at.x_px - 1.0) * 0.645, (200.0 - at.y_px) * 0.645]),
+            ),
+            ("--frame-base 7 --unit mm", table(TRACKPY, 7, um(1.0, 0.645e-3))),
+            ("--frame-base 5 --y up", table(OWN, 5, |at| [at.x_px, 201.0 - at.y_px])),
         ];
         for (option, text) in cases {
             let hints = scored(&text, "").hints;

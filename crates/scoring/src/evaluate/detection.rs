@@ -180,21 +180,7 @@ impl Detection {
             (unit, sums)
         }));
         let root = |s: f64, n: f64| ratio(s, n).map(f64::sqrt);
-        let [
-            interval_precision,
-            interval_recall,
-            interval_f1,
-            interval_jaccard,
-            interval_rmse_xy_px,
-            interval_rmse_z_um,
-            interval_bias_x_px,
-            interval_bias_y_px,
-        ] = units.intervals(&sums, |&[tp, missed, fp, xy, z, dx, dy]| {
-            let [precision, recall, f1, jaccard] = rates(tp, missed, fp);
-            let z = root(z, tp).filter(|_| depth);
-            [precision, recall, f1, jaccard, root(xy, tp), z, ratio(dx, tp), ratio(dy, tp)]
-        });
-        let score = Detection {
+        let mut score = Detection {
             tp,
             missed,
             fp,
@@ -214,15 +200,22 @@ impl Detection {
             random_z_um: z.random,
             p50_xy_px: quantile(&distances, 0.5),
             p95_xy_px: quantile(&distances, 0.95),
-            interval_precision,
-            interval_recall,
-            interval_f1,
-            interval_jaccard,
-            interval_rmse_xy_px,
-            interval_rmse_z_um,
-            interval_bias_x_px,
-            interval_bias_y_px,
+            ..Detection::default()
         };
+        [
+            score.interval_precision,
+            score.interval_recall,
+            score.interval_f1,
+            score.interval_jaccard,
+            score.interval_rmse_xy_px,
+            score.interval_rmse_z_um,
+            score.interval_bias_x_px,
+            score.interval_bias_y_px,
+        ] = units.intervals(&sums, |&[tp, missed, fp, xy, z, dx, dy]| {
+            let [precision, recall, f1, jaccard] = rates(tp, missed, fp);
+            let z = root(z, tp).filter(|_| depth);
+            [precision, recall, f1, jaccard, root(xy, tp), z, ratio(dx, tp), ratio(dy, tp)]
+        });
         (score, sums)
     }
 }

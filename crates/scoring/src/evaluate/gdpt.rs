@@ -121,17 +121,6 @@ impl Gdpt {
             };
             (unit, sums)
         }));
-        let [
-            interval_phi,
-            interval_precision,
-            interval_sigma_x_px,
-            interval_sigma_y_px,
-            interval_sigma_z_um,
-            interval_sigma_z_over_h,
-        ] = units.intervals(&sums, |&[tp, n, m, x, y, z]| {
-            let [x, y, z] = [x, y, z].map(|s| ratio(s, tp).map(f64::sqrt));
-            [ratio(tp, n), ratio(tp, m), x, y, z, z.map(|z| z / h)]
-        });
 
         let flat = greedy(truth, result, &Gate { z_um: f64::INFINITY, ..gate })?;
         let wrong = flat.pairs().filter(|&p| error(truth, result, p)[2].abs() > h / 10.0).count();
@@ -162,7 +151,7 @@ impl Gdpt {
                 }
             })
             .collect();
-        Ok(Gdpt {
+        let mut score = Gdpt {
             gate_xy_px: xy_px,
             gate_z_um: z_um,
             tp,
@@ -178,13 +167,20 @@ impl Gdpt {
             bias_y_px: y.bias,
             bias_z_um: z.bias,
             rate_outlier: ratio(wrong as f64, flat.pairs().count() as f64),
-            interval_phi,
-            interval_precision,
-            interval_sigma_x_px,
-            interval_sigma_y_px,
-            interval_sigma_z_um,
-            interval_sigma_z_over_h,
             curve,
-        })
+            ..Gdpt::default()
+        };
+        [
+            score.interval_phi,
+            score.interval_precision,
+            score.interval_sigma_x_px,
+            score.interval_sigma_y_px,
+            score.interval_sigma_z_um,
+            score.interval_sigma_z_over_h,
+        ] = units.intervals(&sums, |&[tp, n, m, x, y, z]| {
+            let [x, y, z] = [x, y, z].map(|s| ratio(s, tp).map(f64::sqrt));
+            [ratio(tp, n), ratio(tp, m), x, y, z, z.map(|z| z / h)]
+        });
+        Ok(score)
     }
 }

@@ -40,7 +40,12 @@ impl Hint {
     #[must_use]
     pub fn with_options(self, options: &[Named]) -> Self {
         let option: Vec<String> = options.iter().map(Named::to_string).collect();
-        let argument: Vec<String> = options.iter().map(Named::argument).collect();
+        // Two numbers are a tuple in Python.
+        let argument = |named: &Named| match named.argument().split_once(" = ") {
+            Some((key, value)) if value.contains(' ') => format!("{key}=({})", value.replace(' ', ", ")),
+            _ => named.argument(),
+        };
+        let argument: Vec<String> = options.iter().map(argument).collect();
         let (option, argument) = (option.join(" "), argument.join(", "));
         Hint { what: format!("{}; {option}", self.what), option, argument, ..self }
     }

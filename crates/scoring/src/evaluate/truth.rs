@@ -11,7 +11,7 @@ use super::gate::Gate;
 use super::matching::{Cost, NONE, optimal};
 use super::measurement::{TableSize, facts_of};
 use super::track_set::{TrackSet, UnsortedPoint};
-use crate::results::sheet::{Separator, TextTable};
+use crate::results::sheet::TextTable;
 use crate::results::{
     Conventions, Converter, PARTICLES, Points, Position, TrackRow, VelocityUnit, read_points,
 };
@@ -383,7 +383,7 @@ pub(super) fn bare(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> 
     truth.velocity_um_s =
         points.velocities.filter(|v| v.unit == VelocityUnit::UmPerS).map(|v| v.rows).unwrap_or_default();
     let n = truth.rows.len();
-    let sheet = TextTable::open(path, Separator::Comma, 1)?;
+    let sheet = TextTable::open(path, 1)?;
     let (visible, ignore) = (sheet.column("visible"), sheet.column("ignore"));
     let (time, aspect) = (sheet.column("t_s"), sheet.column("e_p"));
     truth.axes = if aspect.is_some() { points.axes } else { Vec::new() };

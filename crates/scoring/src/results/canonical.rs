@@ -2,22 +2,15 @@
 //! axis_x, axis_y, axis_z]` for particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields.
 //! Columns may be in any order; additional columns are ignored.
 
-use super::conventions::unused;
 use super::fields::{self, FieldColumns, FieldLayout};
-use super::sheet::{AxisColumns, OptionalColumns, Separator, TextTable};
-use super::{Conventions, Converter, Field, FormatDefaults, LengthUnit, Origin, Points, VelocityUnit};
+use super::sheet::{AxisColumns, OptionalColumns, TextTable};
+use super::{Conventions, Converter, Field, FormatDefaults, Origin, Points, VelocityUnit};
 use storage::InputFile;
 use storage::error::Result;
 
 /// The conventions of microsig's own tables of particles.
-pub(crate) const PARTICLES: FormatDefaults = FormatDefaults {
-    name: "canonical particles",
-    origin: Origin::Center1,
-    frame_base: 0,
-    unit: LengthUnit::Px,
-};
-const FIELD: FormatDefaults =
-    FormatDefaults { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
+pub(crate) const PARTICLES: FormatDefaults = FormatDefaults::px("canonical particles", Origin::Center1);
+const FIELD: FormatDefaults = FormatDefaults::px("canonical field", Origin::Center1);
 
 /// Known columns of particle tables.
 const COLUMNS: [&str; 11] =
@@ -48,7 +41,7 @@ fn axis(sheet: &TextTable) -> Option<AxisColumns> {
 /// # Errors
 /// All problems of the table, with line numbers.
 pub fn points(path: impl Into<InputFile>, given: &Conventions) -> Result<Points> {
-    points_of(TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows), given)
+    points_of(TextTable::open(path, 1)?.at_most(given.limits.rows), given)
 }
 
 pub(super) fn points_of(sheet: TextTable, given: &Conventions) -> Result<Points> {
@@ -85,11 +78,10 @@ pub(super) fn points_of(sheet: TextTable, given: &Conventions) -> Result<Points>
 /// # Errors
 /// All problems of the table, with line numbers.
 pub fn field(path: impl Into<InputFile>, given: &Conventions) -> Result<Field> {
-    field_of(TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows), given)
+    field_of(TextTable::open(path, 1)?.at_most(given.limits.rows), given)
 }
 
 pub(super) fn field_of(sheet: TextTable, given: &Conventions) -> Result<Field> {
-    let names = ["x_px", "y_px", "dx_px", "dy_px", "z_um", "dz_um", "flag", "pair", "sx_px", "sy_px"];
     let column = |name| sheet.column(name);
     let columns = FieldColumns {
         at: [sheet.need("x_px")?, sheet.need("y_px")?],
@@ -98,9 +90,9 @@ pub(super) fn field_of(sheet: TextTable, given: &Conventions) -> Result<Field> {
         dz: column("dz_um"),
         pair: column("pair"),
         sigma: [column("sx_px"), column("sy_px")],
+        flags: [column("flag"), None, None],
     };
-    let flag = column("flag");
-    let mut layout = FieldLayout { scale: Some(([1.0; 2], "px".to_owned())), ..FieldLayout::new(FIELD) };
-    layout.notes.extend(unused(&sheet.others(&names)));
-    fields::read(sheet, columns, layout, given, |cells| fields::flag(cells, flag, "flag"))
+    fields::read(sheet, columns, FieldLayout::px(FIELD), given, |cells| {
+        fields::flag(cells, columns.flags[0], "flag")
+    })
 }

@@ -37,8 +37,27 @@ impl Decimals {
     }
 }
 
-/// Signs of a missing value: in pandas, R, spreadsheets and Python, and TrackMate's empty-set sign.
-const MISSING: [&str; 8] = ["", "NA", "<NA>", "N/A", "#N/A", "None", "null", "\u{f8}"];
+/// Signs of a missing value: in pandas, R, spreadsheets, Python, masked arrays and C on Windows, and TrackMate's
+/// empty-set sign.
+const MISSING: [&str; 17] = [
+    "",
+    "NA",
+    "<NA>",
+    "N/A",
+    "#N/A",
+    "#NUM!",
+    "#VALUE!",
+    "None",
+    "null",
+    "\u{f8}",
+    "-",
+    "--",
+    ".",
+    "nan(ind)",
+    "-nan(ind)",
+    "1.#QNAN",
+    "-1.#IND",
+];
 
 /// Where the cells of a row are.
 #[derive(Clone, Copy)]

@@ -3,16 +3,14 @@
 //! read; others are ignored.
 
 use serde::Deserialize;
-use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 use super::text::Text;
-use super::{Conventions, Converter, DroppedRows, FormatDefaults, LengthUnit, Origin, Points, TrackRow};
+use super::{Conventions, Converter, DroppedRows, FormatDefaults, Origin, Points, TrackRow};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
 /// COCO counts from the corner of the first pixel.
-const DEFAULTS: FormatDefaults =
-    FormatDefaults { name: "COCO results", origin: Origin::Corner0, frame_base: 0, unit: LengthUnit::Px };
+const DEFAULTS: FormatDefaults = FormatDefaults::px("COCO results", Origin::Corner0);
 
 #[derive(Deserialize)]
 struct Found {
@@ -27,38 +25,16 @@ fn one() -> f64 {
     1.0
 }
 
-/// A list of at most this many results; a longer list is an error, before it takes memory.
-struct AtMost(usize);
-
-impl<'de> Visitor<'de> for AtMost {
-    type Value = Vec<Found>;
-
-    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        write!(f, "a list of results with image_id, bbox and score")
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> std::result::Result<Self::Value, A::Error> {
-        let mut all = Vec::new();
-        while all.len() < self.0 {
-            match list.next_element()? {
-                Some(found) => all.push(found),
-                None => return Ok(all),
-            }
-        }
-        match list.next_element::<IgnoredAny>()? {
-            Some(_) => Err(serde::de::Error::custom(format!("more than {} results", self.0))),
-            None => Ok(all),
-        }
-    }
-}
-
 pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(DEFAULTS, given)?;
     converter.notes.push("image_id is taken as the frame".to_owned());
     let file = std::io::BufReader::new(Text::open(path)?);
-    let mut text = serde_json::Deserializer::from_reader(file);
-    let whole = text.deserialize_seq(AtMost(given.limits.rows)).and_then(|all| text.end().map(|()| all));
-    let all = whole.map_err(|e| Error::input(format!("{}:{}: {e}", path.display(), e.line())))?;
+    // The size of the file limits that of the list.
+    let all: Vec<Found> = serde_json::from_reader(file)
+        .map_err(|e| Error::input(format!("{}:{}: {e}", path.display(), e.line())))?;
+    if all.len() > given.limits.rows {
+        return Err(Error::input(format!("{}: more than {} results", path.display(), given.limits.rows)));
+    }
     let (mut points, mut dropped) = (
         Points { has_z: all.iter().any(|found| found.z_um.is_some()), ..Points::default() },
         DroppedRows::default(),

@@ -1,5 +1,6 @@
 //! Conventions of result files (coordinates, units, frame numbers) and their conversion to microsig's.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -9,6 +10,7 @@ use serde::Deserialize;
 use super::Format;
 use super::table::{BoxSize, Position, TrackRow};
 use dataset::{LARGEST_UM, RecordingFacts};
+use microsig_core::formats::arrangement::unit_um;
 use storage::advice::{Advice, option};
 use storage::error::{Error, Result};
 use storage::range::faults;
@@ -82,15 +84,15 @@ pub enum LengthUnit {
     Inch,
 }
 
-/// Every unit with its symbol, which is also its name as an option, its English name, and its size in um.
-const UNITS: [(LengthUnit, &str, &str, Option<f64>); 7] = [
-    (LengthUnit::Px, "px", "pixel", None),
-    (LengthUnit::Nm, "nm", "nanometer", Some(1e-3)),
-    (LengthUnit::Um, "um", "micrometer", Some(1.0)),
-    (LengthUnit::Mm, "mm", "millimeter", Some(1e3)),
-    (LengthUnit::Cm, "cm", "centimeter", Some(1e4)),
-    (LengthUnit::M, "m", "meter", Some(1e6)),
-    (LengthUnit::Inch, "inch", "inche", Some(25_400.0)),
+/// Every unit with its symbol, which is also its name as an option, and its size in um.
+const UNITS: [(LengthUnit, &str, Option<f64>); 7] = [
+    (LengthUnit::Px, "px", None),
+    (LengthUnit::Nm, "nm", Some(1e-3)),
+    (LengthUnit::Um, "um", Some(1.0)),
+    (LengthUnit::Mm, "mm", Some(1e3)),
+    (LengthUnit::Cm, "cm", Some(1e4)),
+    (LengthUnit::M, "m", Some(1e6)),
+    (LengthUnit::Inch, "inch", Some(25_400.0)),
 ];
 
 impl LengthUnit {
@@ -100,7 +102,7 @@ impl LengthUnit {
 
     /// The unit in um; `None`: pixels.
     pub(crate) fn um(self) -> Option<f64> {
-        UNITS[self as usize].3
+        UNITS[self as usize].2
     }
 
     pub(crate) fn symbol(self) -> &'static str {
@@ -109,16 +111,13 @@ impl LengthUnit {
 
     /// The unit of this symbol or English name, in any of the spellings of ImageJ and its plugins.
     pub(crate) fn of_name(name: &str) -> Option<Self> {
-        // The micro sign is also the Greek letter, an escape of ImageJ, or a byte of Latin-1, which is no UTF-8.
-        let mut name = name.trim().to_lowercase().replace("\\u00b5", "u").replace("&#181;", "u");
-        name = name.replace(['\u{b5}', '\u{3bc}', '\u{fffd}'], "u").replace("\u{e2}u", "u");
-        name = name.replace("metre", "meter").replace("micron", "micrometer");
-        let name = match name.strip_suffix('s').unwrap_or(&name) {
-            "pix" | "voxel" => "px",
-            "in" | "\"" => "inch",
-            other => other,
-        };
-        UNITS.iter().find(|(_, symbol, long, _)| [*symbol, *long].contains(&name)).map(|unit| unit.0)
+        // The micro sign may be XML, bytes of UTF-8 read as Latin-1, or a byte that is no UTF-8.
+        let micro = ["&#181;", "\u{c2}\u{b5}", "\u{e2}\u{b5}", "\u{fffd}"];
+        let name = &micro.iter().fold(name.to_owned(), |name, sign| name.replace(sign, "u"));
+        let word = name.trim().to_lowercase();
+        let is_px = ["px", "pix", "pixel", "voxel"].contains(&word.strip_suffix('s').unwrap_or(&word));
+        let um = if is_px { None } else { Some(unit_um(name).or_else(|| unit_um(&word))?) };
+        UNITS.iter().find(|unit| unit.2 == um).map(|unit| unit.0)
     }
 }
 
@@ -156,6 +155,8 @@ pub struct Conventions {
     pub unit: Option<LengthUnit>,
     /// Whether y grows upward.
     pub y_up: Option<bool>,
+    /// Added to x and y in the image, px.
+    pub shift_px: [f64; 2],
     /// Number of the first frame.
     pub frame_base: Option<i64>,
     /// Object-space length of a pixel, um.
@@ -183,12 +184,21 @@ impl Conventions {
     pub fn faults(&self) -> Vec<Advice> {
         let [um_per_px, dt_s] = SCALE;
         let mut wrong = faults(&[(self.um_per_px, um_per_px), (self.dt_s, dt_s)]);
+        if !self.shift_px.iter().all(|by| by.abs() <= LARGEST_PX) {
+            wrong.push(advice!(option("shift_px"), format!(": expected at most {LARGEST_PX:e} px in size")));
+        }
         let is_wrong = |(low, high): &(f64, f64)| !(low < high && high - low <= LARGEST_UM);
         wrong.extend(self.depth_um.filter(is_wrong).map(|(low, high)| {
             let what = ": expected two depths in um, the lower one first, at most 1e9 um apart";
             advice!(option("depth_um").of(format!("{low} {high}")), what)
         }));
         wrong
+    }
+
+    /// The shift in words.
+    pub(super) fn shifted(&self) -> String {
+        let [x, y] = self.shift_px;
+        if [x, y] == [0.0; 2] { String::new() } else { format!("; shifted by ({x}, {y}) px") }
     }
 
     /// These conventions, completed by facts of the dataset.
@@ -264,6 +274,13 @@ pub(crate) struct FormatDefaults {
     pub unit: LengthUnit,
 }
 
+impl FormatDefaults {
+    /// Lengths in px, frames from 0.
+    pub(crate) const fn px(name: &'static str, origin: Origin) -> Self {
+        FormatDefaults { name, origin, frame_base: 0, unit: LengthUnit::Px }
+    }
+}
+
 /// Converts rows of a file to microsig's conventions.
 #[derive(Debug)]
 pub(crate) struct Converter {
@@ -289,9 +306,9 @@ impl DroppedRows {
     /// Counts one row.
     pub(crate) fn at(&mut self, line: u64) {
         self.n += 1;
-        if self.first.len() < 5 {
-            self.first.push(line);
-        }
+        let place = self.first.partition_point(|first| *first <= line);
+        self.first.insert(place, line);
+        self.first.truncate(5);
     }
 
     /// Number of dropped rows; adds a note if there are any.
@@ -341,12 +358,13 @@ impl Converter {
         };
         let size = given.um_per_px.filter(|_| unit != LengthUnit::Px);
         let notes = vec![format!(
-            "{}: x, y in {}{}; {}; y {}; z in {z_unit}; frames from {frame_base}",
+            "{}: x, y in {}{}; {}; y {}{}; z in {z_unit}; frames from {frame_base}",
             usual.name,
             unit.symbol(),
             size.map_or(String::new(), |um| format!(", {um} um per px")),
             origin.names()[1],
             if y_up { "up" } else { "down" },
+            given.shifted(),
         )];
         let conventions = Conventions {
             origin: Some(origin),
@@ -362,6 +380,8 @@ impl Converter {
     /// The row of a file that these conventions turn into `row`: frame, x, y and z.
     pub(crate) fn unconverted(&self, row: &TrackRow) -> (f64, [f64; 3]) {
         let Position { x_px, y_px, z_um } = row.at;
+        let [dx, dy] = self.conventions.shift_px;
+        let (x_px, y_px) = (x_px - dx, y_px - dy);
         let y_px = self.flip_at.map_or(y_px, |height| height - y_px);
         let z = if self.z_scale == 0.0 { 0.0 } else { z_um / self.z_scale };
         let at = [(x_px - self.shift[0]) / self.scale, (y_px - self.shift[1]) / self.scale, z];
@@ -384,7 +404,8 @@ impl Converter {
             }
         }
         let y_px = self.flip_at.map_or(y_px, |height| height - y_px);
-        Ok(Some(Position { x_px, y_px, z_um }))
+        let [dx, dy] = self.conventions.shift_px;
+        Ok(Some(Position { x_px: x_px + dx, y_px: y_px + dy, z_um }))
     }
 
     /// Converts a frame number to one counted from 0, or returns an error message.
@@ -399,12 +420,8 @@ impl Converter {
         names: [&str; 3],
     ) -> std::result::Result<[f64; 3], String> {
         let [u, v, w] = given;
-        match given.iter().zip(names).find(|(c, _)| c.abs() > LARGEST_SPEED) {
-            Some((c, name)) => {
-                Err(format!("{name} = {c:?}: expected a velocity of at most {LARGEST_SPEED:e}"))
-            }
-            None => Ok([u, if self.flip_at.is_some() { -v } else { v }, w]),
-        }
+        let v = if self.flip_at.is_some() { -v } else { v };
+        within(given, names, -LARGEST_SPEED..=LARGEST_SPEED).map(|()| [u, v, w])
     }
 
     /// Adds a note on columns that are not used.
@@ -432,20 +449,25 @@ impl Converter {
         given: [f64; 3],
         names: [&str; 3],
     ) -> std::result::Result<[f64; 3], String> {
-        match given.iter().zip(names).find(|(s, _)| **s < 0.0 || **s > LARGEST_UM) {
-            Some((s, name)) => {
-                Err(format!("{name} = {s:?}: expected an uncertainty from 0 to {LARGEST_UM:e}"))
-            }
-            None => Ok([given[0] * self.scale, given[1] * self.scale, given[2]]),
-        }
+        let scaled = [given[0] * self.scale, given[1] * self.scale, given[2]];
+        within(given, names, 0.0..=LARGEST_UM).map(|()| scaled)
     }
+}
+
+/// Refuses numbers beyond these.
+fn within(given: [f64; 3], names: [&str; 3], range: RangeInclusive<f64>) -> std::result::Result<(), String> {
+    let is_wrong = |value: f64| !value.is_nan() && !range.contains(&value);
+    given.iter().zip(names).find(|(value, _)| is_wrong(**value)).map_or(Ok(()), |(value, name)| {
+        Err(format!("{name} = {value:?}: expected {:e} to {:e}", range.start(), range.end()))
+    })
 }
 
 /// The number of a frame or image pair counted from 0, of one counted from `base`, or an error message.
 pub(super) fn whole(column: &str, value: f64, base: i64) -> std::result::Result<u32, String> {
     let number = value - base as f64;
     if value.fract() != 0.0 || !(0.0..=f64::from(u32::MAX - 1)).contains(&number) {
-        return Err(format!("{column} = {value:?}: expected a whole number from {base} on"));
+        let option = if value < base as f64 { " (--frame-base, in Python frame_base)" } else { "" };
+        return Err(format!("{column} = {value:?}: expected a whole number from {base} on{option}"));
     }
     Ok(number as u32)
 }

@@ -4,16 +4,16 @@
 //! are not tracked. DefocusTrackerAI adds `W, H`, the sizes of boxes (px), and may leave out `id`. Scaled
 //! tables have columns x, y, z with the lengths X sx, Y sy, Z sz.
 
-use super::sheet::{OptionalColumns, Separator, TextTable};
+use super::sheet::{OptionalColumns, TextTable};
 use super::text::Text;
-use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, shown};
+use super::{Conventions, Converter, FormatDefaults, Origin, Points, shown};
 use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
 
 const DEFAULTS: FormatDefaults =
-    FormatDefaults { name: "DefocusTracker", origin: Origin::Center1, frame_base: 1, unit: LengthUnit::Px };
+    FormatDefaults { frame_base: 1, ..FormatDefaults::px("DefocusTracker", Origin::Center1) };
 
 pub(super) fn csv(sheet: TextTable, given: &Conventions) -> Result<Points> {
     read(sheet, given, [1.0; 3])
@@ -29,7 +29,7 @@ pub(super) fn ascii(path: &InputFile, given: &Conventions) -> Result<Points> {
         .and_then(|(numbers, _)| numbers.split(',').map(|n| n.trim().parse().ok()).collect());
     match scaling.as_deref() {
         Some(&[sx, sy, sz, _]) if sx > 0.0 && sy > 0.0 && sz > 0.0 => {
-            read(TextTable::open(path, Separator::Space, 3)?, given, [sx, sy, sz])
+            read(TextTable::open(path, 3)?, given, [sx, sy, sz])
         }
         _ => Err(Error::input(format!(
             "{}:2: {:?}: expected scaling = [sx,sy,sz,dt] with positive numbers",

@@ -1,6 +1,6 @@
 //! Rows of displacement fields: conversion to px, direction of the axes, and vectors at one place.
 
-use super::conventions::{LARGEST_PX, whole};
+use super::conventions::{LARGEST_PX, unused, whole};
 use super::sheet::{self, TextTable};
 use super::table::{Placement, Reversal};
 use super::{Cells, Conventions, DroppedRows, Field, FlowVector, FormatDefaults, LengthUnit, Position};
@@ -78,6 +78,11 @@ pub(super) struct FieldLayout {
 }
 
 impl FieldLayout {
+    /// Positions and displacements in px.
+    pub(super) fn px(defaults: FormatDefaults) -> Self {
+        FieldLayout { scale: Some(([1.0; 2], "px".to_owned())), ..FieldLayout::new(defaults) }
+    }
+
     pub(super) fn new(defaults: FormatDefaults) -> Self {
         FieldLayout {
             defaults,
@@ -99,6 +104,8 @@ pub(super) struct FieldColumns {
     pub(super) pair: Option<usize>,
     /// Claimed uncertainties.
     pub(super) sigma: [Option<usize>; 2],
+    /// What the flag depends on.
+    pub(super) flags: [Option<usize>; 3],
 }
 
 /// Vectors in the units of a file.
@@ -119,8 +126,13 @@ pub(super) fn read(
 ) -> Result<Field> {
     let (mut rows, mut numbered, name) = (FieldRows::default(), false, sheet.name().to_owned());
     let base = given.frame_base.unwrap_or(layout.defaults.frame_base);
+    let has_no_pair = columns.pair.is_none();
+    let FieldColumns { at, moved, z, dz, pair, sigma, flags } = columns;
+    let used = [&sigma[..], &[z, dz, pair], &flags, &[at[0], at[1], moved[0], moved[1]].map(Some)].concat();
+    let used: Vec<&str> = used.into_iter().flatten().map(|column| sheet.names()[column].as_str()).collect();
+    layout.notes.extend(unused(&sheet.others(&used)));
     let style = sheet.rows(|cells| {
-        let pair = match (cells.number_or_nan(columns.pair)?, cells.zone) {
+        let pair = match (cells.number_or_nan(pair)?, cells.zone) {
             (pair, _) if !pair.is_nan() => Some(whole("pair", pair, base)?),
             (_, Some((zone, is_numbered))) => {
                 numbered |= is_numbered;
@@ -129,24 +141,24 @@ pub(super) fn read(
             }
             _ => None,
         };
-        let [x_px, y_px] = [cells.number(columns.at[0])?, cells.number(columns.at[1])?];
-        let z_um = columns.z.map_or(Ok(0.0), |z| cells.number(z))?;
+        let [x_px, y_px] = [cells.number(at[0])?, cells.number(at[1])?];
+        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         if x_px.is_nan() || y_px.is_nan() || z_um.is_nan() {
             rows.dropped.at(cells.line);
             return Ok(());
         }
-        let [dx, dy] = [cells.number(columns.moved[0])?, cells.number(columns.moved[1])?];
+        let [dx, dy] = [cells.number(moved[0])?, cells.number(moved[1])?];
         let flag = flag(cells)?;
         let flag = if dx.is_nan() || dy.is_nan() { 1 } else { flag };
-        let [sx, sy] = columns.sigma.map(|column| cells.number_or_nan(column));
+        let [sx, sy] = sigma.map(|column| cells.number_or_nan(column));
         let at = Position { x_px, y_px, z_um };
-        let moved = [dx, dy, cells.number_or_nan(columns.dz)?];
+        let moved = [dx, dy, cells.number_or_nan(dz)?];
         rows.vectors.push(FlowVector { pair, at, moved, flag, sigma: [sx?, sy?] });
         rows.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
         Ok(())
     })?;
     let first = rows.vectors.first().and_then(|v| v.pair);
-    if !numbered && columns.pair.is_none() && rows.vectors.iter().all(|v| v.pair == first) {
+    if !numbered && has_no_pair && rows.vectors.iter().all(|v| v.pair == first) {
         // A single zone without a number.
         rows.vectors.iter_mut().for_each(|v| v.pair = None);
     }
@@ -170,6 +182,7 @@ impl FieldRows {
         let origin = given.origin.unwrap_or(defaults.origin);
         let placement = Placement {
             shift_px: origin.shift_px(given)?,
+            asked_px: given.shift_px,
             reversal,
             is_y_up: given.y_up.unwrap_or(false),
             is_stated,
@@ -216,6 +229,10 @@ impl FieldRows {
                 (v.at.y_px, v.moved[1]) = (sum - v.at.y_px, -v.moved[1]);
             }
         }
+        for v in &mut self.vectors {
+            v.at.x_px += given.shift_px[0];
+            v.at.y_px += given.shift_px[1];
+        }
         if placement.is_calibrated
             && let Some((width, height)) = size
         {
@@ -241,7 +258,8 @@ impl FieldRows {
         } else {
             String::new()
         };
-        let read = format!("{}: x, y in {unit}; {words}; y {up}{left}{pairs}", defaults.name);
+        let read =
+            format!("{}: x, y in {unit}; {words}; y {up}{left}{}{pairs}", defaults.name, given.shifted());
         notes.insert(0, read);
         let n_nan = self.dropped.finish(&mut notes);
         Ok(Field { vectors: self.vectors, lines: self.lines, n_nan, notes, placement, warnings: Vec::new() })
@@ -292,7 +310,7 @@ impl FieldRows {
         (!is_inside && !self.vectors.is_empty()).then(|| {
             format!(
                 "{name}: x, y in {} are {left:.1} to {right:.1} px and {top:.1} to {bottom:.1} px, beyond the image of \
-                 {width} x {height} px: the file has another scale or an origin of its own; export it in px",
+                 {width} x {height} px: the file has another scale, or an origin of its own (--shift, in Python shift_px); or export it in px",
                 unit.split(',').next().unwrap_or_default()
             )
         })

@@ -4,12 +4,11 @@
 use std::io::{BufReader, Read};
 
 use super::fields::{FieldLayout, FieldRows};
-use super::{Conventions, Field, FlowVector, FormatDefaults, LengthUnit, Origin, Position};
+use super::{Conventions, Field, FlowVector, FormatDefaults, Origin, Position};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
-const DEFAULTS: FormatDefaults =
-    FormatDefaults { name: "Middlebury .flo", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
+const DEFAULTS: FormatDefaults = FormatDefaults::px("Middlebury .flo", Origin::Center1);
 
 pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     let failed = |e| Error::read(path, e);
@@ -47,6 +46,5 @@ pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     }
     // Pixel indices are implicit, so that no origin applies; y upward has no meaning but for v.
     let given = Conventions { origin: None, ..*given };
-    let layout = FieldLayout { scale: Some(([1.0; 2], "px".to_owned())), ..FieldLayout::new(DEFAULTS) };
-    rows.field(layout, &given, &path.display().to_string())
+    rows.field(FieldLayout::px(DEFAULTS), &given, &path.display().to_string())
 }

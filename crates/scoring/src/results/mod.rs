@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 use dataset::Columns;
 use schemars::JsonSchema;
 use serde::Deserialize;
-use sheet::{Separator, TextTable};
+use sheet::TextTable;
 
 pub(crate) use canonical::PARTICLES;
 pub use canonical::{field as read_field, points as read_points};
@@ -237,7 +237,7 @@ fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<Trac
         Format::Davis | Format::Insight => TrackerResult::Field(tecplot::field(path, given)?),
         Format::Flo => TrackerResult::Field(flo::read(path, given)?),
         _ => {
-            let table = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
+            let table = TextTable::open(path, 1)?.at_most(given.limits.rows);
             let found = of_table(table, format, given)?;
             found.ok_or_else(|| Error::input(format!("{}: not a table", path.display())))?
         }
@@ -456,7 +456,7 @@ fn of_header(name: &str, first: &str, columns: &[&str]) -> Result<Format> {
         () if has(&["fr", "X", "Y"]) => Ok(Format::Defocustracker),
         () if has(&["x_px", "y_px", "dx_px", "dy_px"]) && !has(&["frame"]) => Ok(Format::Field),
         () if has(&["x_px", "y_px", "frame"]) => Ok(Format::Canonical),
-        () if has(&["track_id", "t", "y", "x"]) => Ok(Format::Napari),
+        () if has(&["track_id", "t", "y", "x"]) || has(&["axis-0", "axis-1", "axis-2"]) => Ok(Format::Napari),
         () if has(&["x", "y", "frame"])
             && ["particle", "mass", "track_id"].iter().any(|name| columns.contains(name)) =>
         {

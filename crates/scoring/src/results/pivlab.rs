@@ -5,17 +5,17 @@
 //! right. The factor of u is negative if x grows to the left; that y grows upward is not in the file. Both are
 //! reversed as `size - x` (PIVlab's `file_save.m` and `xy.m`).
 
-use super::conventions::unused;
-use super::fields::{self, FieldColumns, FieldLayout, Unit};
-use super::sheet::{Separator, TextTable};
+use super::fields::{FieldLayout, Unit};
+use super::sheet::TextTable;
 use super::table::Reversal;
+use super::tecplot::{self, Table};
 use super::text::Text;
-use super::{Conventions, Field, FormatDefaults, LengthUnit, Origin, shown, tecplot};
+use super::{Conventions, Field, FormatDefaults, Origin};
 use storage::InputFile;
 use storage::error::{Error, Result};
 
 const DEFAULTS: FormatDefaults =
-    FormatDefaults { name: "PIVlab", origin: Origin::Center1, frame_base: 1, unit: LengthUnit::Px };
+    FormatDefaults { frame_base: 1, ..FormatDefaults::px("PIVlab", Origin::Center1) };
 
 pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
     let head = Text::head(path)?;
@@ -31,37 +31,14 @@ pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Field> {
         )));
     };
     // Column names contain blanks and end with their unit.
-    let separator = if header.contains([',', ';']) { Separator::Comma } else { Separator::Space };
-    let names: Vec<String> = header
-        .split_inclusive(']')
-        .map(|n| n.trim_matches([',', ';', '\t', ' ', '\r']).to_owned())
-        .filter(|n| !n.is_empty())
-        .collect();
-    let sheet = TextTable::open(path, separator, index as u64 + 1)?.at_most(given.limits.rows).named(names);
-    let place = format!("{}:{}", path.display(), index + 1);
-    let starting = |name: &str| sheet.names().iter().position(|n| n.starts_with(&format!("{name} [")));
-    let need = |name: &str| {
-        starting(name).ok_or_else(|| {
-            Error::input(format!("{place}: {:?}: expected a column {name} with its unit", shown(header)))
-        })
-    };
-    let at = [need("x")?, need("y")?];
-    let moved = [need("u")?, need("v")?];
-    let unit =
-        |column: usize| sheet.names()[column].split_once('[').map_or("", |(_, u)| u.trim_end_matches(']'));
-    let (kind, sigma) = (starting("Vector type"), starting("uncertainty"));
-    let mut layout = layout(&head, [unit(at[0]), unit(moved[0])], &place, given)?;
-    let used = [Some(at[0]), Some(at[1]), Some(moved[0]), Some(moved[1]), kind, sigma];
-    let used = used.map(|column| column.map_or("", |c| sheet.names()[c].as_str()));
-    layout.notes.extend(unused(&sheet.others(&used)));
-    let columns = FieldColumns { at, moved, sigma: [sigma; 2], ..FieldColumns::default() };
-    let mut field = fields::read(sheet, columns, layout, given, |cells| {
-        Ok(match cells.number_or_nan(kind)? {
-            0.0 => 1,
-            2.0 => 2,
-            _ => 0,
-        })
-    })?;
+    let columns = header.split_inclusive(']').map(|c| c.trim_matches([',', ';', '\t', ' ', '\r']));
+    let columns = columns.filter(|column| !column.is_empty()).map(|column| {
+        let (name, unit) = column.split_once('[').unwrap_or((column, ""));
+        (name.trim().to_lowercase(), unit.trim_end_matches(']').to_owned())
+    });
+    let (names, units) = columns.unzip();
+    let sheet = TextTable::open(path, index as u64 + 1)?.at_most(given.limits.rows).named(names);
+    let mut field = tecplot::read(Table { sheet, header: head.to_string(), units }, true, given)?;
     let frame = number_after(&head, "FRAME:").filter(|frame| frame.fract() == 0.0 && *frame >= 1.0);
     let base = given.frame_base.unwrap_or(DEFAULTS.frame_base) as f64;
     if let Some(frame) = frame.filter(|frame| *frame >= base) {

@@ -2,7 +2,8 @@
 //!
 //! - trackpy's data frame (`DataFrame.to_csv`): `y, x [, z], ..., frame [, particle]`, in px; also with
 //!   LapTrack's `track_id`.
-//! - napari's tracks: `track_id, t [, z], y, x`, in px.
+//! - napari's tracks: `track_id, t [, z], y, x`, in px; and its saved points, `index, axis-0, axis-1, ...`, whose
+//!   axes have no names: they are taken as frame, (z,) y and x.
 //! - TrackMate's spots (`CSVExporter`, `ExportAllSpotsStatsAction`): below the names of the columns two rows of
 //!   longer names and a row of units, which older versions do not write; lengths are then in um.
 //!
@@ -19,6 +20,10 @@ type Layout = (&'static str, [&'static str; 4], &'static [&'static str]);
 
 const TRACKPY: Layout = ("trackpy", ["frame", "x", "y", "z"], &["particle", "track_id"]);
 const NAPARI: Layout = ("napari tracks", ["t", "x", "y", "z"], &["track_id"]);
+const NAPARI_POINTS: [Layout; 2] = [
+    ("napari points", ["axis-0", "axis-2", "axis-1", "z"], &["track_id"]),
+    ("napari points with depth", ["axis-0", "axis-3", "axis-2", "axis-1"], &["track_id"]),
+];
 const TRACKMATE: Layout =
     ("TrackMate spots", ["FRAME", "POSITION_X", "POSITION_Y", "POSITION_Z"], &["TRACK_ID"]);
 
@@ -26,6 +31,9 @@ const TRACKMATE: Layout =
 pub(super) fn read(mut sheet: TextTable, format: Format, given: &Conventions) -> Result<Points> {
     let (name, places, tracks) = match format {
         Format::TrackmateSpots => TRACKMATE,
+        Format::Napari if sheet.column("axis-0").is_some() => {
+            NAPARI_POINTS[usize::from(sheet.column("axis-3").is_some())]
+        }
         Format::Napari => NAPARI,
         _ => TRACKPY,
     };
@@ -154,13 +162,14 @@ mod tests {
             spots("um", "5\" lens", [3.0, 4.0, 5.0]),
             format!("\u{feff}{}", plain.replace(',', ";").replace('.', ",")),
             plain.replace(',', "\t"),
+            "frame x y z particle\n1  6 8 5 7\n".to_owned(),
         ] {
             assert_eq!(rows(text.as_bytes()), expected, "{text}");
         }
         // Longer than a line may be.
         let many = "frame,x,y,particle\r".to_owned() + &"0,1,2,\r".repeat(20_000);
         assert_eq!(rows(many.as_bytes()).len(), 20_000);
-        for missing in ["NA", "<NA>", "None", "nan", "", "N/A", "#N/A", "null"] {
+        for missing in ["NA", "<NA>", "None", "nan", "", "N/A", "#N/A", "null", "--", "-nan(ind)"] {
             let text = format!("y,x,frame,particle\n2,1,0,{missing}\n{missing},1,0,3\n");
             assert_eq!(rows(text.as_bytes()), [(0, -1, [2.0, 3.0, 0.0])], "{missing}");
         }

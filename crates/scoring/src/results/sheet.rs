@@ -5,7 +5,6 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
-use std::io::{BufRead, BufReader};
 
 use csv::ByteRecord;
 use dataset::Columns;
@@ -14,7 +13,7 @@ use microsig_core::Spheroid;
 pub use super::cells::Cells;
 use super::cells::{Decimals, Place, number};
 use super::conventions::MAX_ROWS;
-use super::text::{Bounded, HEAD, Text, UnixLines, excel_separator};
+use super::text::{HEAD, Lines, Text, excel_separator};
 use super::{Converter, DroppedRows, Points, TrackRow, Velocities, VelocityUnit};
 use storage::InputFile;
 use storage::error::{Error, Result};
@@ -22,21 +21,10 @@ use storage::error::{Error, Result};
 /// Maximum number of problems listed in full.
 const LISTED: usize = 10;
 
-/// Column separator.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Separator {
-    /// A comma, or a semicolon or tab if the header has those.
-    Comma,
-    /// One or more tabs or spaces.
-    Space,
-}
-
-type Lines = BufReader<UnixLines<Bounded<Text>>>;
-
-/// The rows below the header, and the number of lines read before.
+/// The rows below the header.
 enum Source {
     /// With the delimiter; Tecplot's text has zones.
-    Lines(Lines, u64, u8, Option<Zones>),
+    Lines(Lines, u8, Option<Zones>),
     Columns(Columns),
 }
 
@@ -114,8 +102,8 @@ pub struct TextTable {
 
 impl TextTable {
     /// Opens a table whose header is line `header_line`, counted from 1, without empty lines and a line
-    /// `sep=` for Excel.
-    pub fn open(path: impl Into<InputFile>, separator: Separator, header_line: u64) -> Result<Self> {
+    /// `sep=` for Excel. The header shows what separates columns.
+    pub fn open(path: impl Into<InputFile>, header_line: u64) -> Result<Self> {
         let path = &path.into();
         let name = path.display().to_string();
         let text = Text::open(path)?;
@@ -123,46 +111,42 @@ impl TextTable {
         if text.is_utf16() {
             style.push("in UTF-16");
         }
-        let mut lines = BufReader::new(UnixLines::new(Bounded::new(text, b'\n')));
-        let (mut header, mut line, mut left, mut excel) = (Vec::new(), 0, header_line, None);
+        let mut lines = Lines::new(text);
+        let (mut header, mut left, mut excel) = (Vec::new(), header_line, None);
         while left > 0 {
-            header.clear();
-            if lines.read_until(b'\n', &mut header).map_err(|e| Error::input(format!("{name}: {e}")))? == 0 {
+            if !lines.next(&mut header).map_err(|e| Error::input(format!("{name}: {e}")))? {
                 return Err(Error::input(format!("{name}: empty; expected at least a header")));
             }
-            line += 1;
-            header.pop();
-            if line == 1 && excel_separator(&header).is_some() {
+            if lines.number == 1 && excel_separator(&header).is_some() {
                 excel = excel_separator(&header);
                 style.push("below a line sep= for Excel");
             } else if !header.trim_ascii().is_empty() {
                 left -= 1;
             }
         }
-        let delimiter = match separator {
-            Separator::Comma => excel.unwrap_or_else(|| delimiter(&header)),
-            Separator::Space => b' ',
-        };
+        let delimiter = excel.unwrap_or_else(|| delimiter(&header));
+        // Headers of fields, where tabs and blanks are usual.
+        let is_usual = header_line > 1 || header.starts_with(b"#");
         match delimiter {
             b';' => style.push("with semicolons between columns"),
-            b'\t' => style.push("with tabs between columns"),
+            b'\t' if !is_usual => style.push("with tabs between columns"),
+            b' ' if !is_usual => style.push("with blanks between columns"),
             _ => {}
         }
         let decimals = (delimiter != b',').then(Decimals::default);
         let header = names(&header, delimiter);
-        let source = Source::Lines(lines, line, delimiter, None);
+        let source = Source::Lines(lines, delimiter, None);
         Ok(TextTable { decimals, style, ..TextTable::new(name, header, source) })
     }
 
     /// Opens Tecplot's text; returns its header, too. The columns have no names yet.
     pub(super) fn tecplot(path: &InputFile) -> Result<(Self, String)> {
-        let lines = BufReader::new(UnixLines::new(Bounded::new(Text::open(path)?, b'\n')));
-        let source = Source::Lines(lines, 0, b' ', Some(Zones::default()));
+        let source = Source::Lines(Lines::new(Text::open(path)?), b' ', Some(Zones::default()));
         let mut table = TextTable::new(path.display().to_string(), Vec::new(), source);
         table.decimals = Some(Decimals::default());
         let mut record = ByteRecord::new();
         table.waiting = table.record(&mut record)?.map(|line| (line, record));
-        let Source::Lines(_, _, _, Some(zones)) = &mut table.source else {
+        let Source::Lines(_, _, Some(zones)) = &mut table.source else {
             return Ok((table, String::new()));
         };
         let header = std::mem::take(&mut zones.above);
@@ -214,20 +198,19 @@ impl TextTable {
         let failed = |e: std::io::Error| Error::input(format!("{}: {e}", self.name));
         match &mut self.source {
             Source::Columns(_) => Ok(None),
-            Source::Lines(reader, line, delimiter, zones) => {
+            Source::Lines(lines, delimiter, zones) => {
                 let mut text = Vec::new();
                 loop {
-                    text.clear();
-                    if reader.read_until(b'\n', &mut text).map_err(failed)? == 0 {
+                    if !lines.next(&mut text).map_err(failed)? {
                         return Ok(None);
                     }
-                    *line += 1;
+                    let line = lines.number;
                     if text.trim_ascii().is_empty() {
                         continue;
                     }
                     let Some(zones) = zones else {
                         split(&text, *delimiter, record);
-                        return Ok(Some(*line));
+                        return Ok(Some(line));
                     };
                     let text = String::from_utf8_lossy(&text);
                     let text = text.trim();
@@ -245,7 +228,7 @@ impl TextTable {
                     text.split(|c: char| c.is_ascii_whitespace() || c == ',' && is_separated)
                         .filter(|f| !f.is_empty())
                         .for_each(|f| record.push_field(f.as_bytes()));
-                    return Ok(Some(*line));
+                    return Ok(Some(line));
                 }
             }
         }
@@ -321,7 +304,7 @@ impl TextTable {
             }
             let wrong = if record.len() == self.header.len() {
                 let zone = match &self.source {
-                    Source::Lines(_, _, _, Some(zones)) => Some(zones.current),
+                    Source::Lines(_, _, Some(zones)) => Some(zones.current),
                     _ => None,
                 };
                 let mut cells =
@@ -373,6 +356,7 @@ impl TextTable {
     ) -> Result<Points> {
         let (mut points, mut dropped) = (Points { has_z, ..Points::default() }, DroppedRows::default());
         let (mut velocities, unit) = (Vec::new(), more.velocity.map(|(unit, _)| unit));
+        let mut has_depth = Vec::new();
         let style = self.rows(|cells| {
             let (frame, track, [x, y, z]) = row(cells)?;
             if frame.is_nan() {
@@ -380,9 +364,10 @@ impl TextTable {
                 return Ok(());
             }
             let frame = converter.frame(frame)?;
-            match converter.position(x, y, z)? {
+            match converter.position(x, y, if z.is_nan() { 0.0 } else { z })? {
                 Some(at) => {
                     points.rows.push(TrackRow { frame, track, at });
+                    has_depth.push(!z.is_nan());
                     points.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
                     let all = |columns: [Option<usize>; 3]| {
                         let [x, y, z] = columns.map(|c| cells.number_or_nan(c));
@@ -418,12 +403,31 @@ impl TextTable {
             }
             Ok(())
         })?;
-        points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
         (points.read_as, points.notes) = (Box::new(converter.conventions), converter.notes);
         points.notes.extend(style);
+        if has_z && !has_depth.is_empty() && !has_depth.contains(&true) {
+            points.has_z = false;
+            points.notes.push("z is empty in every row: no depth".to_owned());
+        } else {
+            let without = points.lines.iter().zip(&has_depth).filter(|(_, has)| !**has);
+            without.for_each(|(line, _)| dropped.at(u64::from(*line)));
+            keep(&mut points.rows, &has_depth);
+            keep(&mut points.lines, &has_depth);
+            keep(&mut points.sigma, &has_depth);
+            keep(&mut points.boxes, &has_depth);
+            keep(&mut points.axes, &has_depth);
+            keep(&mut velocities, &has_depth);
+        }
+        points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
         points.n_nan = dropped.finish(&mut points.notes);
         Ok(points)
     }
+}
+
+/// Keeps the values of these rows, if there are any.
+fn keep<T>(values: &mut Vec<T>, rows: &[bool]) {
+    let mut rows = rows.iter();
+    values.retain(|_| rows.next() == Some(&true));
 }
 
 /// Optional columns of particles, along x, y, z.
@@ -450,11 +454,15 @@ pub(crate) enum AxisColumns {
     Angles([usize; 2]),
 }
 
-/// The separator of the columns of a header: the most frequent of comma, semicolon and tab.
+/// The separator of the columns of a header: the most frequent of comma, semicolon and tab, or blanks.
 pub(super) fn delimiter(header: &[u8]) -> u8 {
     let count = |byte: u8| header.iter().filter(|b| **b == byte).count();
     // Of equal counts the last one is taken.
-    [b'\t', b';', b','].into_iter().max_by_key(|byte| count(*byte)).unwrap_or(b',')
+    [b'\t', b';', b',']
+        .into_iter()
+        .filter(|byte| count(*byte) > 0)
+        .max_by_key(|byte| count(*byte))
+        .unwrap_or(b' ')
 }
 
 /// Splits a line into fields without their quotes; a delimiter between quotes separates nothing. A delimiter of
@@ -464,7 +472,7 @@ fn split(line: &[u8], delimiter: u8, record: &mut ByteRecord) {
     // An odd quote is a character, such as the sign of inches.
     let quotes = line.iter().filter(|byte| **byte == b'"').count() % 2 == 0;
     let (mut field, mut is_quoted) = (Vec::new(), false);
-    for &byte in line.strip_suffix(b"\n").unwrap_or(line).iter().chain(&[delimiter]) {
+    for &byte in line.iter().chain(&[delimiter]) {
         let separates = byte == delimiter || (delimiter == b' ' && byte == b'\t');
         if byte == b'"' && quotes {
             is_quoted = !is_quoted;
@@ -500,11 +508,11 @@ pub(crate) fn shorten(problems: &mut Vec<String>) {
 mod tests {
     use super::*;
 
-    fn sheet(text: &str, separator: Separator) -> Result<Vec<f64>> {
+    fn sheet(text: &str) -> Result<Vec<f64>> {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("t.csv");
         std::fs::write(&path, text).unwrap();
-        let sheet = TextTable::open(&path, separator, 1)?;
+        let sheet = TextTable::open(&path, 1)?;
         let column = sheet.need("b")?;
         let mut values = Vec::new();
         sheet.rows(|cells| {
@@ -516,13 +524,13 @@ mod tests {
 
     #[test]
     fn line_ends_quotes_and_empty_lines_do_not_matter() {
-        assert_eq!(sheet("a,\"b\"\r\n1,2\r\n\r\n3,\"4\"", Separator::Comma).unwrap(), [2.0, 4.0]);
-        assert_eq!(sheet("# a\tb\n 1  2.5e0\n\n3\t4\n", Separator::Space).unwrap(), [2.5, 4.0]);
+        assert_eq!(sheet("a,\"b\"\r\n1,2\r\n\r\n3,\"4\"").unwrap(), [2.0, 4.0]);
+        assert_eq!(sheet("# a b\n 1  2.5e0\n\n3\t4\n").unwrap(), [2.5, 4.0]);
     }
 
     #[test]
     fn problems_name_their_lines() {
-        let message = |text| sheet(text, Separator::Comma).unwrap_err().to_string();
+        let message = |text| sheet(text).unwrap_err().to_string();
         assert!(
             message("a,b\n1,2\n1,2,5\n")
                 .contains("t.csv:3: 3 fields where the header has 2 (numbers with decimal")
@@ -545,7 +553,7 @@ mod tests {
             let place = tempfile::tempdir().unwrap();
             let path = place.path().join("t.csv");
             std::fs::write(&path, text).unwrap();
-            let sheet = TextTable::open(&path, Separator::Comma, 1)?;
+            let sheet = TextTable::open(&path, 1)?;
             let column = sheet.need("b")?;
             let mut values = Vec::new();
             let note = sheet.rows(|cells| {

@@ -119,6 +119,8 @@ pub enum Reversal {
 pub struct Placement {
     /// Added to positions in the file, px.
     pub shift_px: [f64; 2],
+    /// The shift that was asked for, px.
+    pub asked_px: [f64; 2],
     /// How `y` upward is reversed.
     pub reversal: Reversal,
     /// Whether it was.

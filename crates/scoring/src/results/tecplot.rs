@@ -8,26 +8,23 @@
 //! names of columns state px and um. Fields are in px from the first pixel's center, or in the stated unit;
 //! DaVis writes (0, 0) where it has no vector.
 
-use super::conventions::unused;
 use super::fields::{self, FieldColumns, FieldLayout, Unit};
 use super::sheet::{OptionalColumns, TextTable};
-use super::{Conventions, Converter, Field, FormatDefaults, LengthUnit, Origin, Points, pivlab, shown};
+use super::{Conventions, Converter, Field, FormatDefaults, Origin, Points, pivlab, shown};
 use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
 
-const PARTICLES: FormatDefaults =
-    FormatDefaults { name: "Tecplot (LPT/DA)", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
-const DAVIS: FormatDefaults =
-    FormatDefaults { name: "DaVis", origin: Origin::Center0, frame_base: 0, unit: LengthUnit::Px };
+const PARTICLES: FormatDefaults = FormatDefaults::px("Tecplot (LPT/DA)", Origin::Center1);
+const DAVIS: FormatDefaults = FormatDefaults::px("DaVis", Origin::Center0);
 const INSIGHT: FormatDefaults = FormatDefaults { name: "TSI Insight", ..DAVIS };
 
 /// A table, its header, and the units of its columns, whose names are in lower case.
-struct Table {
-    sheet: TextTable,
-    header: String,
-    units: Vec<String>,
+pub(super) struct Table {
+    pub(super) sheet: TextTable,
+    pub(super) header: String,
+    pub(super) units: Vec<String>,
 }
 
 impl Table {
@@ -139,20 +136,30 @@ pub(super) fn points(path: &InputFile, given: &Conventions) -> Result<Points> {
 /// Reads a field.
 pub(super) fn field(path: &InputFile, given: &Conventions) -> Result<Field> {
     let table = Table::open(path, given)?;
+    let is_pivlab = table.header.contains("PIVlab");
+    read(table, is_pivlab, given)
+}
+
+/// Reads a field from a table of DaVis, Insight or PIVlab.
+pub(super) fn read(table: Table, is_pivlab: bool, given: &Conventions) -> Result<Field> {
     let at = [table.need(&["x"])?, table.need(&["y"])?];
     let moved = [
         table.need(&["vx", "u", "velocity u", "displacement x"])?,
         table.need(&["vy", "v", "velocity v", "displacement y"])?,
     ];
-    let (valid, choice) = (table.column(&["isvalid", "valid"]), table.column(&["chc"]));
-    let (nan, sigma) = (table.column(&["isnan"]), table.column(&["uncertainty_map"]));
+    let (valid, choice) = (table.column(&["isvalid", "valid", "vector type"]), table.column(&["chc"]));
+    let (nan, sigma) = (table.column(&["isnan"]), table.column(&["uncertainty_map", "uncertainty"]));
     let (name, header) = (table.sheet.name().to_owned(), &table.header);
     let (length, speed) = (table.units[at[0]].as_str(), table.units[moved[0]].as_str());
-    let (is_pivlab, is_insight) = (header.contains("PIVlab"), choice.is_some());
+    let is_insight = choice.is_some();
     let mut layout = if is_pivlab {
-        // Units are in a comment.
-        let in_m = if header.contains("x [m]") { ["m", "m/s"] } else { ["px", "px/frame"] };
-        pivlab::layout(header, in_m, &name, given)?
+        // In Tecplot's text, units are in a comment.
+        let units = match length {
+            "" if header.contains("x [m]") => ["m", "m/s"],
+            "" => ["px", "px/frame"],
+            _ => [length, speed],
+        };
+        pivlab::layout(header, units, &name, given)?
     } else {
         let mut layout = FieldLayout::new(if is_insight { INSIGHT } else { DAVIS });
         // Insight states the scale, the time between frames, and where the origin is in the image.
@@ -174,13 +181,10 @@ pub(super) fn field(path: &InputFile, given: &Conventions) -> Result<Field> {
                 })?;
                 unit.px(&scale, &name)
             };
-            let words =
-                if speed == length { length.to_owned() } else { format!("{length}, u, v in {speed}") };
-            let words = if Unit::parse(length) == Unit::parse("px") && Unit::parse(speed) == Unit::parse("px")
-            {
-                "px".to_owned()
-            } else {
-                words
+            let words = match [length, speed].map(Unit::parse) {
+                both if both == [Unit::parse("px"); 2] => "px".to_owned(),
+                _ if speed == length => length.to_owned(),
+                _ => format!("{length}, u, v in {speed}"),
             };
             layout.scale = Some(([px(length)?, px(speed)?], words));
         }
@@ -189,15 +193,16 @@ pub(super) fn field(path: &InputFile, given: &Conventions) -> Result<Field> {
     if !is_pivlab && !is_insight {
         layout.notes.push("vectors of exactly (0, 0) are taken as missing".to_owned());
     }
-    let used = [Some(at[0]), Some(at[1]), Some(moved[0]), Some(moved[1]), valid, choice, nan, sigma];
-    let used = used.map(|column| column.map_or("", |c| table.sheet.names()[c].as_str()));
-    layout.notes.extend(unused(&table.sheet.others(&used)));
-    let columns = FieldColumns { at, moved, sigma: [sigma; 2], ..FieldColumns::default() };
+    let flags = [valid, choice, nan];
+    let columns = FieldColumns { at, moved, sigma: [sigma; 2], flags, ..FieldColumns::default() };
     fields::read(table.sheet, columns, layout, given, |cells| {
         let is_missing =
             !is_pivlab && !is_insight && cells.number(moved[0])? == 0.0 && cells.number(moved[1])? == 0.0;
-        let is_rejected = cells.number_or_nan(valid)? <= 0.0 || cells.number_or_nan(choice)? <= 0.0;
-        Ok(u8::from(is_missing || is_rejected || cells.number_or_nan(nan)? == 1.0))
+        let kind = cells.number_or_nan(valid)?;
+        let is_rejected = kind <= 0.0 || cells.number_or_nan(choice)? <= 0.0;
+        let is_invalid = is_missing || is_rejected || cells.number_or_nan(nan)? == 1.0;
+        // Of PIVlab, 2 is interpolated.
+        Ok(if is_pivlab && kind == 2.0 { 2 } else { u8::from(is_invalid) })
     })
 }
 

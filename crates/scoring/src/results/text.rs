@@ -4,7 +4,7 @@
 //! arrays) are identified in the message, because their bytes would only give errors about the header.
 
 use std::fs::File;
-use std::io::{Error as IoError, ErrorKind, Read};
+use std::io::{BufRead, BufReader, Error as IoError, ErrorKind, Read};
 
 use storage::InputFile;
 use storage::error::{Error, Result};
@@ -154,7 +154,6 @@ impl Read for Text {
 /// The separator of a first line `sep=;`, which Excel reads and writes.
 pub(super) fn excel_separator(line: &[u8]) -> Option<u8> {
     let line = line.trim_ascii().strip_prefix(b"\"").unwrap_or(line);
-    let line = line.strip_suffix(b"\n").unwrap_or(line);
     let line = line.strip_suffix(b"\"").unwrap_or(line);
     match line {
         [s, e, p, b'=', separator] if [s, e, p].map(u8::to_ascii_lowercase) == *b"sep" => Some(*separator),
@@ -162,90 +161,76 @@ pub(super) fn excel_separator(line: &[u8]) -> Option<u8> {
     }
 }
 
-/// A reader that fails if a line is too long.
+/// XML that fails if a tag or text is too long.
 #[derive(Debug)]
-pub(crate) struct Bounded<R> {
-    inner: R,
-    end: u8,
+pub(crate) struct Bounded {
+    inner: Text,
     length: usize,
     line: u64,
 }
 
-impl<R: Read> Bounded<R> {
-    /// Pieces end with the byte `end`: a newline (or carriage return), or `>` in XML.
-    pub(crate) fn new(inner: R, end: u8) -> Self {
-        Bounded { inner, end, length: 0, line: 1 }
+impl Bounded {
+    pub(crate) fn new(inner: Text) -> Self {
+        Bounded { inner, length: 0, line: 1 }
     }
 }
 
-impl<R: Read> Read for Bounded<R> {
+impl Read for Bounded {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         let n = self.inner.read(buffer)?;
         for &byte in &buffer[..n] {
-            self.length += 1;
+            self.length = if byte == b'>' { 0 } else { self.length + 1 };
             self.line += u64::from(byte == b'\n');
-            if byte == self.end || (self.end == b'\n' && byte == b'\r') {
-                self.length = 0;
-            }
-            let (what, most) = match self.end {
-                b'\n' => ("the line", LONGEST_LINE),
-                _ => ("a tag or text", LONGEST_TEXT),
-            };
-            if self.length > most {
-                let message = format!("line {}: {what} is longer than {most} bytes", self.line);
-                return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
+            if self.length > LONGEST_TEXT {
+                return Err(too_long(self.line, "a tag or text", LONGEST_TEXT));
             }
         }
         Ok(n)
     }
 }
 
-/// A reader of text whose lines all end with a single newline, even if they end with a carriage return, with
-/// both, or with the end of the file.
+fn too_long(line: u64, what: &str, most: usize) -> IoError {
+    IoError::new(ErrorKind::InvalidData, format!("line {line}: {what} is longer than {most} bytes"))
+}
+
+/// Lines that end with a newline, a carriage return, both, or with the end of the file.
 #[derive(Debug)]
-pub(super) struct UnixLines<R> {
-    inner: R,
-    /// Whether the last byte read was a carriage return, for which a newline was returned.
+pub(super) struct Lines {
+    text: BufReader<Text>,
+    /// Whether the last line ended with a carriage return.
     after_return: bool,
-    /// The last byte returned.
-    last: u8,
+    /// Number of the last line, from 1.
+    pub(super) number: u64,
 }
 
-impl<R: Read> UnixLines<R> {
-    pub(super) fn new(inner: R) -> Self {
-        UnixLines { inner, after_return: false, last: b'\n' }
+impl Lines {
+    pub(super) fn new(text: Text) -> Self {
+        Lines { text: BufReader::new(text), after_return: false, number: 0 }
     }
-}
 
-impl<R: Read> Read for UnixLines<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        if buffer.is_empty() {
-            return Ok(0);
-        }
+    /// Reads the next line without its end; `false` if there is none.
+    pub(super) fn next(&mut self, line: &mut Vec<u8>) -> std::io::Result<bool> {
+        line.clear();
+        self.number += 1;
+        let mut is_begun = false;
         loop {
-            let n = self.inner.read(buffer)?;
-            if n == 0 {
-                if self.last == b'\n' {
-                    return Ok(0);
-                }
-                (self.last, buffer[0]) = (b'\n', b'\n');
-                return Ok(1);
+            let ready = self.text.fill_buf()?;
+            let skipped = usize::from(self.after_return && ready.first() == Some(&b'\n'));
+            let rest = &ready[skipped..];
+            if ready.is_empty() {
+                return Ok(is_begun);
             }
-            let mut given = n;
-            if self.after_return || buffer[..n].contains(&b'\r') {
-                given = 0;
-                for i in 0..n {
-                    let byte = buffer[i];
-                    if !(self.after_return && byte == b'\n') {
-                        buffer[given] = if byte == b'\r' { b'\n' } else { byte };
-                        given += 1;
-                    }
-                    self.after_return = byte == b'\r';
-                }
+            is_begun |= !rest.is_empty();
+            let end = rest.iter().position(|byte| b"\n\r".contains(byte));
+            line.extend_from_slice(&rest[..end.unwrap_or(rest.len())]);
+            self.after_return = end.is_some_and(|end| rest[end] == b'\r');
+            let used = skipped + end.map_or(rest.len(), |end| end + 1);
+            self.text.consume(used);
+            if line.len() > LONGEST_LINE {
+                return Err(too_long(self.number, "the line", LONGEST_LINE));
             }
-            if given > 0 {
-                self.last = buffer[given - 1];
-                return Ok(given);
+            if end.is_some() {
+                return Ok(true);
             }
         }
     }

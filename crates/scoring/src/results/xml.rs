@@ -23,7 +23,7 @@ use storage::error::{Error, Result};
 
 /// Reads tracks in one of these formats.
 pub(super) fn read(path: &InputFile, format: Format, given: &Conventions) -> Result<Points> {
-    let mut reader = Reader::from_reader(BufReader::new(Bounded::new(Text::open(path)?, b'>')));
+    let mut reader = Reader::from_reader(BufReader::new(Bounded::new(Text::open(path)?)));
     let at =
         |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));
     let is_isbi = format == Format::Isbi;

@@ -34,15 +34,22 @@ pub(super) fn hints(
     let rms = |all: &[ComparedVector]| {
         (all.iter().map(|c| c.endpoint().powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     };
-    let moved = |by: f64| -> Vec<ComparedVector> {
-        let valid: Vec<FlowVector> = (vectors.iter().filter(|v| v.flag == 0))
-            .map(|v| FlowVector { at: Position { x_px: v.at.x_px + by, y_px: v.at.y_px + by, ..v.at }, ..*v })
-            .collect();
+    let moved = |by: [f64; 2]| -> Vec<ComparedVector> {
+        let place = |at: Position| Position { x_px: at.x_px + by[0], y_px: at.y_px + by[1], ..at };
+        let valid: Vec<FlowVector> =
+            (vectors.iter().filter(|v| v.flag == 0)).map(|v| FlowVector { at: place(v.at), ..*v }).collect();
         let truth = truth.at(&valid).into_iter().next().unwrap_or_default();
         (valid.into_iter().zip(truth))
             .filter_map(|(measured, truth)| Some(ComparedVector { measured, truth: truth? }))
             .filter(|c| c.endpoint() < INLIER_PX)
             .collect()
+    };
+    let inliers: Vec<ComparedVector> =
+        compared.iter().copied().filter(|c| c.endpoint() < INLIER_PX).collect();
+    let before = rms(&inliers);
+    let shifted = |by: [f64; 2]| {
+        let [x, y] = [0, 1].map(|axis| significant(field.placement.asked_px[axis] + by[axis]));
+        option("shift_px").of(format!("{x} {y}"))
     };
     for by in [-1.0, -0.5, 0.5, 1.0] {
         // Every axis that the gradients determine must agree, and at least one shift must be significant.
@@ -51,33 +58,36 @@ pub(super) fn hints(
         if !(agrees && is_seen) {
             continue;
         }
-        let inliers: Vec<ComparedVector> =
-            compared.iter().copied().filter(|c| c.endpoint() < INLIER_PX).collect();
-        let (before, after) = (rms(&inliers), rms(&moved(by)));
+        let after = rms(&moved([by; 2]));
         if after < before {
             let origins = [(0.0, Origin::Center1), (0.5, Origin::Corner0), (1.0, Origin::Center0)];
             let shift_px = field.placement.shift_px[0] + by;
             let name = origins
                 .iter()
                 .find(|(shift, _)| (shift - shift_px).abs() < 1e-9)
-                .map(|(_, origin)| origin.names()[0]);
+                .map(|(_, origin)| option("origin").is(origin.names()[0]));
             let detail = format!(
                 "The flow gradients indicate ({:+.2}, {:+.2}) px; the RMS end-point error of inliers would be {after:.4} \
                  instead of {before:.4} px",
                 shift[0], shift[1]
             );
             let hint = Hint::new(format!("positions off by {by:+} px?"), &detail);
-            let hint = name.map_or(hint.clone(), |name| hint.with_options(&[option("origin").is(name)]));
+            let hint = hint.with_options(&[name.unwrap_or_else(|| shifted([by; 2]))]);
             hints.push(Hint { rms_px: Some(after), rms_px_now: Some(before), ..hint });
         }
     }
     let is_far = (0..2).any(|k| sure[k].is_some_and(|sigma| shift[k].abs() > (5.0 * sigma).max(0.3)));
     if hints.is_empty() && field.placement.is_calibrated && is_far {
+        let by = shift.map(|by| (100.0 * by).round() / 100.0);
+        let after = rms(&moved(by));
         let detail = format!(
-            "The flow gradients indicate ({:+.2}, {:+.2}) px: export positions in px, or from the corner of the image",
-            shift[0], shift[1]
+            "The flow gradients indicate ({:+.2}, {:+.2}) px; the RMS end-point error of inliers would be {after:.4} instead \
+             of {before:.4} px",
+            by[0], by[1]
         );
-        hints.push(Hint::new("do positions have an origin of their own?", &detail));
+        let hint =
+            Hint::new("do positions have an origin of their own?", &detail).with_options(&[shifted(by)]);
+        hints.push(Hint { rms_px: Some(after), rms_px_now: Some(before), ..hint });
     }
     hints
 }

@@ -281,7 +281,10 @@ fn hints_promise_what_their_options_give() {
         vec![m * (x + 4.6), m * y, m * u, m * v, 1.0, 0.0, 0.1]
     });
     let found = scored("f.txt", &own, NONE).hints.remove(0);
-    assert!(found.question.contains("an origin of their own") && found.what.contains("-4.60"), "{found:?}");
+    assert!(found.question.contains("an origin of their own"), "{found:?}");
+    assert!(found.what.ends_with("; --shift -4.6 0") && found.argument == "shift_px=(-4.6, 0)", "{found:?}");
+    let then = scored("f.txt", &own, Conventions { shift_px: [-4.6, 0.0], ..NONE });
+    assert!((rms(&then) - found.rms_px.unwrap()).abs() < 1e-6 && then.hints.is_empty(), "{found:?}");
     // Damped displacements are no unit.
     let damped = scored("f.txt", &openpiv(1.0, 0.5, false), NONE).hints;
     assert!(!damped.iter().any(|hint| hint.question.contains("u and v")), "{damped:?}");
@@ -343,7 +346,9 @@ fn places_of_vectors_are_distinct_and_in_the_image() {
     let own = pivlab(["m", "m/frame"], Some([m, m]), |[x, y, u, v]| {
         vec![m * (x - 60.0), m * y, m * u, m * v, 1.0, 0.0, 0.1]
     });
-    assert!(said(own, NONE).contains("an origin of its own"));
+    assert!(said(own.clone(), NONE).contains("an origin of its own (--shift, in Python shift_px)"));
+    let moved = scored("f.txt", &own, Conventions { shift_px: [60.0, 0.0], ..NONE });
+    assert!(rms(&moved) < 1e-6 && moved.assumptions[0].contains("; shifted by (60, 0) px"), "{moved:?}");
     let px = said(text.clone(), Conventions { um_per_px: Some(UM), ..NONE });
     assert!(px.contains("beyond the image in m, mm and um"), "{px}");
     // Rounding of positions does not make a grid into scattered vectors.
