@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use bench::cli::Cli;
 use bench::export::ExportOptions;
-use generator::preview::{Preview, svg, text};
+use bench::optics::{Optics, svg, text};
 use generator::runner::DatasetPlace;
 use microsig_core::formats::stack::{Stack, StackAxis, StackFormat};
 use microsig_core::sensor::{Counts, Image};
@@ -33,10 +33,10 @@ fn call(py: Python<'_>, arguments: Vec<OsString>, show: Show<'_>) -> PyResult<Sa
 fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String, Vec<String>)> {
     run(py, false, OnInterrupt::Wait, move |_| {
         let scenario = of.resolve()?;
-        let preview = Preview::of(&scenario)?;
+        let found = Optics::of(&scenario)?;
         let warnings = scenario.warnings.iter().map(ToString::to_string);
-        let warnings = warnings.chain(preview.warnings.iter().cloned()).collect();
-        Ok((Object::of(&preview)?, text(&preview), svg(&preview)?, warnings))
+        let warnings = warnings.chain(found.preview.warnings.iter().cloned()).collect();
+        Ok((Object::of(&found)?, text(&found), svg(&[found])?, warnings))
     })
 }
 

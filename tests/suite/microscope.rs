@@ -386,3 +386,45 @@ fn tables_are_kept_in_the_folder_of_the_cache() {
     let below_a_file = scenario.join("cache");
     assert!(refused(1, "MICROSIG_CACHE", path(&below_a_file)).contains("kept.ron/cache: "));
 }
+
+/// Without a cylindrical lens an aberration-free objective has the same image on both sides of focus.
+#[test]
+fn optics_say_what_lenses_and_densities_allow() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = write(
+        place.path(),
+        "air.ron",
+        r#"(name: "air", optics: (magnification: 20, numerical_aperture: 0.3, pixel_size: 6.5, pixel_dim_x: 128, pixel_dim_y: 128,
+            lens: aplanatic, background_mean: 100, background_noise: 5),
+            motion: flow(field: poiseuille()), timing: pairs(count: 1), boundaries: (z_um: (-10, 10)),
+            particles: (number: ppp(0.02), diameter_um: constant(1)), render: (mode: waves, wavelength_um: 0.52, tolerance: 0.02))"#,
+    );
+    let (svg, png) = (place.path().join("lenses.svg"), place.path().join("lenses.png"));
+    let lens = "optics.cylinder=lens(focal_length_mm: 1000, to_sensor_mm: 115)";
+    let told = run(&["optics", path(&scenario), "--variant", lens, "--json", "--plot", path(&svg)]);
+    let told: Value = serde_json::from_str(&told).unwrap();
+    let [none, lens_] = [0, 1].map(|k| &told["scenarios"][k]);
+    let number = |of: &Value, path: &str| of.pointer(path).and_then(Value::as_f64).unwrap();
+    let share = |of: &Value| number(of, "/bounds/determined_share");
+    assert!(share(none) < 0.3 && share(lens_) > 0.9, "{} {}", share(none), share(lens_));
+    for axis in ["crlb_x_px", "crlb_y_px", "crlb_z_um"] {
+        let [best, mean] = ["best", "mean"].map(|of| number(lens_, &format!("/bounds/{of}/{axis}")));
+        assert!(best > 0.0 && best < mean, "{axis}: {best} {mean}");
+    }
+    let area_px = number(none, "/source_density") / number(none, "/particles_per_px");
+    let usual = number(none, "/usual_particles_per_px");
+    assert!((usual * area_px / 0.3 - 1.0).abs() < 1e-9);
+    // Cones of sine 0.3: the mean over depth of pi r^2 is pi tan^2 (10 um)^2 / 3, besides the particle and diffraction.
+    let cone_px = std::f64::consts::PI * 0.3f64.powi(2) / (1.0 - 0.09) * 100.0 / 3.0 / (0.325 * 0.325);
+    assert!(area_px > cone_px && area_px < 1.6 * cone_px, "{area_px} {cone_px}");
+    let drawn = std::fs::read_to_string(&svg).unwrap();
+    for text in ["bound of z, um", "A: air", "B: cylinder = lens"] {
+        assert!(drawn.contains(text), "{text} is not in the picture");
+    }
+    // 85 mm at 300 dots per inch.
+    run(&["optics", path(&scenario), "--quiet", "--plot", path(&png)]);
+    let image = std::fs::read(&png).unwrap();
+    assert_eq!((&image[1..4], u32::from_be_bytes(image[16..20].try_into().unwrap())), (&b"PNG"[..], 1004));
+    let spheroids = ["optics", path(&scenario), "--variant", lens, "--spheroids", "-"];
+    assert!(fail(2, &spheroids).contains("cannot be used with"));
+}

@@ -170,8 +170,8 @@ fn a_sweep_leads_to_scores_over_its_axes() {
     assert!(!out.join("results/empty/case_00001.csv").exists());
     run(&[&scored[..], &["--resume", "--shard", "1/1"]].concat());
     let page = std::fs::read_to_string(out.join("comparison/leaderboard.html")).unwrap();
-    assert!(page.contains("Scores over the sweep") && page.contains("optics.background_noise"));
-    assert!(page.contains("<b>empty</b>: "));
+    assert!(page.contains("Scores over the sweep") && page.contains("against background noise, counts"));
+    assert!(page.contains("empty, number = count(2)"));
     let board = csv::Reader::from_path(out.join("comparison/leaderboard.csv")).unwrap().into_records();
     assert_eq!(board.count(), 12);
     // The datasets are as they were.
@@ -201,6 +201,8 @@ fn results_of_other_programs_are_scored_over_a_sweep() {
     let out = place.path().join("out");
     let scored = ["sweep", path(&sweep), "--out", path(&out), "--resume", "--evaluate", "--plot"];
     assert!(fail(2, &scored).contains("results of another program as"));
+    let options = [&scored[..], &["--max-displacement", "3"]].concat();
+    assert!(fail(2, &options).contains("expected with --track METHOD"));
     let mine = out.join("results/mine");
     std::fs::create_dir_all(&mine).unwrap();
     for case in ["case_00000", "case_00003"] {

@@ -5,5 +5,6 @@ pub mod cli;
 pub mod export;
 pub mod fitting;
 pub mod flow_plot;
+pub mod optics;
 #[cfg(feature = "view")]
 pub mod view;

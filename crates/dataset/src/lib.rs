@@ -4,6 +4,7 @@
 //! writing and reading derive from it.
 
 mod columns;
+mod hopeless;
 pub mod manifest;
 mod read;
 mod recording;
@@ -12,6 +13,7 @@ mod table;
 mod write;
 
 pub use columns::{Columns, MISSING, Values};
+pub use hopeless::{USUAL_N_S, digits, hopeless, usual_ppp};
 pub use read::{Record, TableReader, read_rows};
 pub use recording::{LARGEST_UM, RecordingFacts};
 pub use rows::{

@@ -48,6 +48,8 @@ pub struct RecordingFacts {
     pub image_area_px: Option<f64>,
     /// The share of the sensor in which particles are, if walls or bodies exclude them from the rest.
     pub image_share: Option<f64>,
+    /// Why hardly any particle can be found, if overlap or noise prevent it.
+    pub hopeless: Vec<String>,
     /// Whether particle images are equally sharp at all depths.
     pub is_all_in_focus: bool,
     /// Whether this is a test split, whose truth only the organizers have.
@@ -113,6 +115,9 @@ impl RecordingFacts {
                 .and_then(|(moved_px, dt_s)| positive(Some(moved_px * timing.open_s() / dt_s))),
             image_area_px: positive(own.a_pi_px),
             image_share: own.image_share.filter(|share| *share > 0.0 && *share < 1.0),
+            hopeless: own.n_ppp.zip(own.n_s).map_or_else(Vec::new, |(n_ppp, n_s)| {
+                crate::hopeless(n_ppp, n_s, own.snr.as_ref().and_then(|snr| snr.value))
+            }),
             // The public part of a test split names its renderer, not its particle images.
             is_all_in_focus: own
                 .particle_image

@@ -71,8 +71,9 @@ pub enum Number {
     /// Mean number of particles per volume (Poisson process).
     PerUm3(#[schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "1/um\u{b3}"), example = 1e-6)] f64),
     /// Source density N_S: total area of the particle images over the area of the sensor, on average (Poisson
-    /// process); overlaps count once per image. If walls or bodies exclude particles from part of the image,
-    /// the area is that of the rest.
+    /// process); overlaps count once per image. The area of an image is the number of its pixels above a tenth of its
+    /// peak, averaged over depth; in focus, whole pixels make it up to 1.6 times as large as by the formula of the
+    /// optics. If walls or bodies exclude particles from part of the image, the area is that of the rest.
     NS(#[schemars(range(min = 0.0, max = 100.0), example = 0.1)] f64),
     /// One particle at each position in a MicroSIG data file (x and y in px, z in um), relative to the
     /// scenario; diameters are drawn from `diameter_um`.

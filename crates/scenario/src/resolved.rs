@@ -226,6 +226,12 @@ impl Scenario {
         slope * self.cloud.typical_c_int(d_um) * image.peak * self.illumination.at(DVec3::Z * z_um)
     }
 
+    /// Typical brightness factor of a particle of diameter `d_um` (um) on the optical axis at depth `z_um` (um), with its
+    /// illumination.
+    pub fn brightness(&self, d_um: f64, z_um: f64) -> f64 {
+        self.cloud.typical_c_int(d_um) * self.illumination.at(DVec3::Z * z_um)
+    }
+
     /// The renderer of the light without ray noise.
     ///
     /// # Errors

@@ -113,6 +113,7 @@ impl<'a> Job<'a> {
             link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
         let rows = link::link(&found, range, self.recording.pairs());
         self.warn_of_streaks();
+        self.recording.hopeless().iter().for_each(|why| self.warn(why));
         if rows.is_empty() {
             self.warn("no particle was found in any frame; check that size, shape and optics are those of the images");
         } else if !self.warn_of_displacements() {

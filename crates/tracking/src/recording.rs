@@ -62,6 +62,11 @@ impl Recording {
         self.facts.max_streak_px
     }
 
+    /// Why hardly any particle can be found, if overlap or noise prevent it.
+    pub(super) fn hopeless(&self) -> &[String] {
+        &self.facts.hopeless
+    }
+
     /// The fraction of the sensor that contains particles.
     pub(super) fn image_share(&self) -> f64 {
         self.facts.image_share.unwrap_or(1.0)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use generator::preview::{Preview, svg};
+use bench::optics::{Optics, svg};
 use image::GrayImage;
 use microsig_core::Particle;
 use microsig_core::render::Context;
@@ -30,9 +30,8 @@ pub(super) fn run(out: &Path) -> anyhow::Result<()> {
     for (name, optics, render) in RENDERERS {
         write(&magnified(&row(&scenario(optics, render)?), ZOOM), out, name)?;
     }
-    let shown =
-        Preview::of(&load(Path::new("scenarios/objective_20x.ron"), &[], None, &Context::default())?)?;
-    std::fs::write(out.join("objective_20x.svg"), svg(&shown)?)?;
+    let shown = Optics::of(&load(Path::new("scenarios/objective_20x.ron"), &[], None, &Context::default())?)?;
+    std::fs::write(out.join("objective_20x.svg"), svg(&[shown])?)?;
     Ok(())
 }
 

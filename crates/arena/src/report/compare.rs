@@ -53,6 +53,19 @@ pub struct Comparison {
 /// # Errors
 /// Files that are not scores; an existing folder, unless `force`; an I/O error.
 pub fn compare(paths: &[InputFile], out: &Path, force: bool) -> Result<Comparison> {
+    compare_sweep(paths, out, force, None)
+}
+
+/// [`compare`] for the cases of a sweep in which 1 um/s is a displacement of `px_per_um_s` px.
+///
+/// # Errors
+/// As for [`compare`].
+pub fn compare_sweep(
+    paths: &[InputFile],
+    out: &Path,
+    force: bool,
+    px_per_um_s: Option<f64>,
+) -> Result<Comparison> {
     let earlier = Earlier::new("leaderboard.csv", force);
     check_replaceable(out, earlier)?;
     outside_datasets(out)?;
@@ -60,7 +73,7 @@ pub fn compare(paths: &[InputFile], out: &Path, force: bool) -> Result<Compariso
     let partial = Partial::start(out)?;
     partial.folder().save_bytes("leaderboard.csv", leaderboard_csv(&entries)?)?;
     partial.folder().save_bytes("curves.csv", curves_csv(&scores)?)?;
-    partial.folder().save_bytes("leaderboard.html", page(&scores, &warnings)?)?;
+    partial.folder().save_bytes("leaderboard.html", page(&scores, &warnings, px_per_um_s)?)?;
     warnings.extend(partial.warning().map(str::to_owned));
     partial.finish(earlier)?;
     Ok(Comparison { entries, warnings, out: out.to_owned(), text })
@@ -371,10 +384,11 @@ fn measured((value, ends): (Option<f64>, Interval)) -> Markup {
     }
 }
 
-fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
-    let entries: Vec<&Entry> = scores.iter().map(|s| &s.0).collect();
-    let (axis_plots, curves) = (axis_plots(&entries)?, curve_plots(scores)?);
+fn page(scores: &[(Entry, Score)], warnings: &[String], px_per_um_s: Option<f64>) -> Result<String> {
     let with_axes = scores.iter().any(|s| !s.0.axes.is_empty());
+    // The cases of a sweep differ by its parameters, over which their scores are drawn.
+    let curves = if with_axes { Vec::new() } else { curve_plots(scores)? };
+    let axis_plots = axis_plots(scores, px_per_um_s)?;
     let body = html! {
         h1 { "Leaderboard" }
         p.soft { "Particles scored with depth and particles scored in the image plane are ranked separately, by detection F1, then by \
@@ -383,6 +397,7 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
         separate them by one criterion, the next one decides. Scores of equal rank are not separated by any criterion. Errors cover found \
         particles only: read them together with recall. Brackets are 95 % intervals. A ! marks positions with a bias that F1 does not show." }
         @for warning in warnings { p.warning { (warning) } }
+        @if !axis_plots.is_empty() { h2 { "Scores over the sweep" } div.plots { @for plot in &axis_plots { (plot) } } }
         @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
             h2 { (same[0].0.kind.title()) }
             // Only columns with a value: particles and fields have different scores.
@@ -396,7 +411,6 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
                 } }
             } }
         }
-        @if !axis_plots.is_empty() { h2 { "Scores over the sweep" } div.plots { @for plot in &axis_plots { (plot) } } }
         @if !curves.is_empty() { h2 { "Curves" } div.plots { @for plot in &curves { (plot) } } }
     };
     Ok(document("Leaderboard", &body))

@@ -28,27 +28,6 @@ pub(crate) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
     }
 }
 
-/// A plot of several series, whose legend has a line for each group; series of one group follow each other.
-pub(super) fn figure_by_group(svg: String, groups: &[&str], names: &[&str], caption: &str) -> Markup {
-    let numbered: Vec<(usize, &str, &str)> =
-        groups.iter().zip(names).enumerate().map(|(i, (group, name))| (i, *group, *name)).collect();
-    html! {
-        figure {
-            (PreEscaped(svg))
-            figcaption {
-                @for same in numbered.chunk_by(|a, b| a.1 == b.1) {
-                    b { (same[0].1) } @if same.iter().any(|(_, _, name)| !name.is_empty()) { ":" } " "
-                    @for (i, _, name) in same {
-                        span.name style=(format!("color: var(--c{})", i % 6)) { (sign(*i)) " " (name) }
-                    }
-                    br;
-                }
-                (caption)
-            }
-        }
-    }
-}
-
 /// The names of series, empty for those without points: they are not listed, but the colors of the others
 /// stay the same from plot to plot.
 pub(crate) fn names(series: &[Series]) -> Vec<&str> {

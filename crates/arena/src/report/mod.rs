@@ -26,7 +26,7 @@ use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{OutputFolder, outside_datasets};
 
-pub use compare::{Comparison, Named, Ranking, compare, ranking};
+pub use compare::{Comparison, Named, Ranking, compare, compare_sweep, ranking};
 pub use field_page::field_page;
 pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
@@ -38,7 +38,7 @@ pub(crate) use log_axis::is_logarithmic;
 pub(crate) use page::document;
 pub(crate) use plots::{AxisLabels, Series, lines, lines_over_log, log_lines};
 pub use score_file::{parse as parse_score, parse_units};
-pub use table::table;
+pub use table::{summary, table};
 
 /// The report's file.
 pub(crate) const REPORT: &str = "report.html";

@@ -9,11 +9,11 @@ use storage::error::Result;
 
 const STYLE: &str = "
 :root { color-scheme: light dark; --ink: #1b1f24; --paper: #ffffff; --soft: #57606a; --grid: #d8dee4;
-  --c0: #0b62b8; --c1: #c4432b; --c2: #157f3b; --c3: #8250df; --c4: #9a6700; --c5: #0b7f84; }
+  --c0: #0072b2; --c1: #c84e00; --c2: #1f1f1f; --c3: #00805e; --c4: #a3559a; --c5: #9a6700; }
 @media (prefers-color-scheme: dark) { :root { --ink: #e6edf3; --paper: #0d1117; --soft: #9da7b3; --grid: #30363d;
   --c0: #6cb6ff; --c1: #ff8b73; --c2: #56d364; --c3: #c297ff; --c4: #e3b341; --c5: #56d4dd; } }
 @media print { :root { --ink: #000; --paper: #fff; --soft: #444; --grid: #ccc;
-  --c0: #0b62b8; --c1: #c4432b; --c2: #157f3b; --c3: #8250df; --c4: #9a6700; --c5: #0b7f84; } }
+  --c0: #0072b2; --c1: #c84e00; --c2: #1f1f1f; --c3: #00805e; --c4: #a3559a; --c5: #9a6700; } }
 * { box-sizing: border-box; }
 @page { margin: 14mm; }
 @media print { body { padding: 0; max-width: none; font-size: 11px; } .plots { gap: .6rem; }

@@ -42,6 +42,8 @@ pub(crate) enum Style {
     Line,
     /// Small dots only, for many points.
     Dots,
+    /// Dots only.
+    LargeDots,
 }
 
 impl Series {
@@ -55,6 +57,17 @@ impl Series {
 
     pub(crate) fn drawn(self, style: Style) -> Self {
         Series { style, ..self }
+    }
+
+    /// Dots without lines, moved along the horizontal axis.
+    fn beside(&self, shift: f64) -> Self {
+        let moved = |points: &[(f64, f64)]| points.iter().map(|(x, y)| (x + shift, *y)).collect();
+        Series {
+            points: moved(&self.points),
+            singles: moved(&self.singles),
+            style: Style::LargeDots,
+            ..self.clone()
+        }
     }
 
     /// Whether there is a point to draw.
@@ -171,32 +184,133 @@ macro_rules! draw_all {
                 let bar = PathElement::new(vec![(*x, *low), (*x, *high)], color.stroke_width(1));
                 $chart.draw_series([bar]).map_err(failed)?;
             }
-            if series.style != Style::Dots {
+            if !matches!(series.style, Style::Dots | Style::LargeDots) {
                 for run in series.points.chunk_by(|a, b| whole(a) && whole(b)).filter(|run| whole(&run[0])) {
                     let line = LineSeries::new(run.iter().copied(), color.stroke_width(2));
                     $chart.draw_series(line).map_err(failed)?;
                 }
             }
             let size = match series.style {
-                Style::LinesAndDots => 3,
+                Style::LinesAndDots | Style::LargeDots => 4,
                 Style::Dots => 1,
                 Style::Line => continue,
             };
             let dots = series.points.iter().filter(|p| whole(p));
-            // When the colors repeat, markers distinguish series.
-            match i / SERIES.len() {
-                0 => $chart.draw_series(dots.map(|p| Circle::new(*p, size, color.filled()))),
-                1 => $chart.draw_series(dots.map(|p| TriangleMarker::new(*p, size + 2, color.filled()))),
-                _ => $chart.draw_series(dots.map(|p| Cross::new(*p, size + 1, color.stroke_width(2)))),
+            // Markers distinguish series in gray, too.
+            let (fill, stroke) = (color.filled(), color.stroke_width(2));
+            match i % MOST_LINES {
+                0 => $chart.draw_series(dots.map(|p| Circle::new(*p, size, fill))),
+                1 => $chart.draw_series(dots.map(|p| TriangleMarker::new(*p, size + 2, fill))),
+                2 => $chart.draw_series(
+                    dots.map(|p| EmptyElement::at(*p) + Rectangle::new([(-size, -size), (size, size)], fill)),
+                ),
+                3 => $chart.draw_series(dots.map(|p| Cross::new(*p, size, stroke))),
+                4 => $chart.draw_series(dots.map(|p| Circle::new(*p, size + 1, stroke))),
+                _ => $chart.draw_series(dots.map(|p| TriangleMarker::new(*p, size + 3, stroke))),
             }
             .map_err(failed)?;
         }
     };
 }
 
+/// Lines whose colors and markers differ.
+pub(super) const MOST_LINES: usize = SERIES.len();
+
 /// Marker of a series in a legend, as drawn by [`lines`].
 pub(super) fn sign(series: usize) -> char {
-    ['\u{25cf}', '\u{25b2}', '\u{2715}'][(series / SERIES.len()).min(2)]
+    ['\u{25cf}', '\u{25b2}', '\u{25a0}', '\u{2715}', '\u{25cb}', '\u{25b3}'][series % MOST_LINES]
+}
+
+/// The horizontal axis of panels.
+pub(super) enum Across<'a> {
+    Linear,
+    /// Logarithmic, with these ticks.
+    Log(Vec<f64>),
+    /// A place for each name, from 0; points are not joined.
+    Names(&'a [&'a str]),
+}
+
+/// Panels one below the other, with their titles and common ranges; each has the same series.
+pub(super) fn panels(
+    labels: &AxisLabels<'_>,
+    panels: &[(String, Vec<Series>)],
+    across: &Across<'_>,
+) -> Result<String> {
+    let points = || panels.iter().flat_map(|panel| all_points(&panel.1));
+    let (y0, y1) = range(points().map(|p| p.1), true);
+    let (low, high) = range(points().map(|p| p.0), false);
+    // Names have as many lines as the longest needs.
+    let letters = match across {
+        Across::Names(names) => {
+            ((SIZE.0 - LEFT) as usize / (TICKS as usize * 3 / 5) / names.len().max(1)).max(4)
+        }
+        _ => 0,
+    };
+    let wrapped: Vec<Vec<String>> = match across {
+        Across::Names(names) => names.iter().map(|name| wrap(name, letters)).collect(),
+        _ => Vec::new(),
+    };
+    let below =
+        BELOW + TICKS as u32 * (wrapped.iter().map(Vec::len).max().unwrap_or(1) as u32).saturating_sub(1);
+    let high_px = if panels.len() > 1 { 250 } else { SIZE.1 } + below - BELOW;
+    draw(labels.title, (SIZE.0, high_px * panels.len() as u32), |area| {
+        for (part, (title, series)) in area.split_evenly((panels.len(), 1)).iter().zip(panels) {
+            let mut builder = chart_on(part);
+            builder.x_label_area_size(below);
+            if !title.is_empty() {
+                builder.caption(title, ("sans-serif", NAMES, &INK));
+            }
+            match across {
+                Across::Linear => {
+                    let mut chart = builder.build_cartesian_2d(low..high, y0..y1).map_err(failed)?;
+                    mesh!(chart, labels);
+                    draw_all!(chart, series);
+                }
+                Across::Log(ticks) => {
+                    let (a, b) = points().fold((f64::INFINITY, 0.0f64), |(a, b), p| (a.min(p.0), b.max(p.0)));
+                    let x = (a / 1.3..b * 1.3).log_scale().with_key_points(ticks.clone());
+                    let mut chart = builder.build_cartesian_2d(x, y0..y1).map_err(failed)?;
+                    mesh!(chart, labels);
+                    draw_all!(chart, series);
+                }
+                Across::Names(names) => {
+                    let end = names.len() as f64 - 0.5;
+                    let mut chart = builder.build_cartesian_2d(-0.5..end, y0..y1).map_err(failed)?;
+                    mesh!(chart, labels, x_labels(0), disable_x_mesh());
+                    // Beside each other, so that intervals do not cover each other.
+                    let shift = |k: usize| 0.6 * ((k as f64 + 0.5) / series.len() as f64 - 0.5);
+                    let beside = series.iter().enumerate().map(|(k, of)| of.beside(shift(k)));
+                    let beside: Vec<Series> = beside.collect();
+                    draw_all!(chart, beside);
+                    let font = ("sans-serif", TICKS, &INK).into_text_style(part);
+                    let font = font.pos(Pos::new(HPos::Center, VPos::Top));
+                    for (k, lines) in wrapped.iter().enumerate() {
+                        let (x, y) = chart.backend_coord(&(k as f64, y0));
+                        let (left, top) = part.get_base_pixel();
+                        for (row, line) in lines.iter().enumerate() {
+                            let at = (x - left, y - top + 6 + TICKS * row as i32);
+                            part.draw(&Text::new(line.clone(), at, font.clone())).map_err(failed)?;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    })
+}
+
+/// A text in lines of at most this number of letters, if its words are not longer.
+fn wrap(text: &str, letters: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= letters => {
+                *line += &format!(" {word}")
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 /// Plots series on linear axes.

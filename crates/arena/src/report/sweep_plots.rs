@@ -1,143 +1,409 @@
 //! Scores against the parameters of a sweep.
 //!
-//! Scores of one tracker on cases with the same values are repetitions: the line is their mean, the bar their
-//! standard deviation, and each repetition is a faint dot. A score without repetitions has its own 95 %
-//! interval as bar.
+//! Each score has a figure for each parameter: with a panel for each combination of the parameters beyond the second, and in
+//! a panel at most six lines, one for each tracker and value of the second parameter. Parameters whose values are not numbers
+//! have a place for each value, without lines. Scores of one tracker on cases with the same values are repetitions: the line
+//! is their mean, the bar their standard deviation, and each repetition is a faint dot. A score without repetitions has its
+//! own 95 % interval as bar.
 
-use std::cmp::Ordering;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use maud::{Markup, html};
+use maud::Markup;
+use serde_json::Value;
 
-use super::figure::{figure_by_group, names};
+use super::figure::figure_of;
 use super::leaderboard::{Entry, axis_text, order_of_axes, short_key};
-use super::log_axis::is_logarithmic;
-use super::plots::{AxisLabels, Series, lines, lines_over_log};
-use scoring::evaluate::statistics::Errors;
+use super::log_axis::{ACROSS, is_logarithmic};
+use super::plots::{Across, AxisLabels, MOST_LINES, Series, panels};
+use scoring::evaluate::Score;
+use scoring::evaluate::statistics::{Errors, Interval};
 use scoring::ranking::SCORES;
 use storage::error::Result;
 
-/// Plots of every score over each parameter, with a line for each tracker and each combination of the other
-/// parameters; a parameter that is not plotted is named.
-pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
-    let mut axes: Vec<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
-    axes.sort_unstable();
-    axes.dedup();
+/// Panels of a figure, one below the other.
+const MOST_PANELS: usize = 4;
+
+type Scored<'a> = &'a (Entry, Score);
+
+/// What is drawn over a parameter.
+struct Quantity {
+    /// Name and unit.
+    title: String,
+    /// What the bars are, if they are not 95 % intervals.
+    bars: Option<&'static str>,
+    of: Box<dyn Fn(Scored<'_>) -> (Option<f64>, Interval)>,
+}
+
+/// Plots of every score over each parameter; `px_per_um_s` turns velocities of the sweep into displacements (px).
+pub(super) fn axis_plots(scores: &[(Entry, Score)], px_per_um_s: Option<f64>) -> Result<Vec<Markup>> {
+    let all: Vec<Scored<'_>> = scores.iter().collect();
+    let mut values: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    for (axis, value) in all.iter().flat_map(|s| &s.0.axes) {
+        values.entry(axis).or_default().insert(axis_text(value));
+    }
+    let keys: BTreeSet<&str> = values.keys().copied().collect();
     let mut plots = Vec::new();
-    for axis in axes {
-        let Some(numbers) = numbers_of(axis, entries) else {
-            let why = "its values are not numbers, or differ in more than one number";
-            plots.push(html! { p { "There is no plot over " code { (axis) } ": " (why) "." } });
-            continue;
-        };
-        let on_axis = lines_over(axis, entries, numbers.nth);
-        for (index, def) in SCORES.iter().enumerate().filter(|(_, def)| def.is_headline) {
-            plots.extend(plot(&numbers.label, &on_axis, &def.title(), index)?);
+    for axis in values.keys() {
+        let varied = values.iter().filter(|(other, values)| *other != axis && values.len() > 1);
+        let mut others: Vec<&str> = varied.map(|(other, _)| *other).collect();
+        // The parameter of the lines is the one with the most values.
+        others.sort_by_key(|other| std::cmp::Reverse(values[other].len()));
+        let Some(x) = Parameter::of(axis, &all, px_per_um_s) else { continue };
+        let sweep = Sweep { all: &all, x, others, keys: &keys };
+        if let Some(component) = sweep.x.component {
+            plots.extend(sweep.bias_over_a_period(component)?);
+        }
+        for quantity in quantities(sweep.x.component) {
+            plots.extend(sweep.figures(&quantity)?);
         }
     }
     Ok(plots)
 }
 
-/// The scores of a tracker over an axis.
-struct Line<'a> {
-    tracker: &'a str,
-    /// Values on the other axes.
-    fixed: String,
-    /// Values on the axis in ascending order, each with its repetitions.
-    points: Vec<(f64, Vec<&'a Entry>)>,
-}
-
-/// The number in the values of an axis that places them.
-struct PlacingNumber {
-    nth: usize,
-    label: String,
-}
-
-/// The number in which values of an axis differ: the value itself, or a component of a vector as in `(12.9, 0, 0)`;
-/// `None` if the values differ in several numbers or in words.
-fn numbers_of(axis: &str, entries: &[&Entry]) -> Option<PlacingNumber> {
-    let values = order_of_axes(entries.iter().filter_map(|e| e.axes.get_key_value(axis)));
-    let (_, stem, first, _) = values.first()?;
-    let same_form = values.iter().all(|(_, s, n, _)| s == stem && n.len() == first.len());
-    let differs = |nth: &usize| values.iter().any(|(_, _, numbers, _)| numbers[*nth] != first[*nth]);
-    if !same_form || first.is_empty() {
-        return None;
-    }
-    let different: Vec<usize> = (0..first.len()).filter(differs).collect();
-    let nth = match different[..] {
-        [] => 0,
-        [nth] => nth,
-        _ => return None,
-    };
-    let label = if first.len() == 1 {
-        axis.to_owned()
-    } else {
-        format!("{axis}, number {} of {}", nth + 1, first.len())
-    };
-    Some(PlacingNumber { nth, label })
-}
-
-fn lines_over<'a>(axis: &str, entries: &[&'a Entry], nth: usize) -> Vec<Line<'a>> {
-    let keys: BTreeSet<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
-    let number = |e: &Entry| order_of_axes(e.axes.get_key_value(axis).into_iter()).pop()?.2.get(nth).copied();
-    let mut placed: Vec<(f64, &Entry)> = entries.iter().filter_map(|e| Some((number(e)?, *e))).collect();
-    let others = |e: &'a Entry| order_of_axes(e.axes.iter().filter(|(other, _)| *other != axis));
-    placed.sort_by(|a, b| {
-        let by_others = || others(a.1).partial_cmp(&others(b.1)).unwrap_or(Ordering::Equal);
-        a.1.tracker.cmp(&b.1.tracker).then_with(by_others).then_with(|| a.0.total_cmp(&b.0))
+/// The quantities in the order of their figures: errors of displacements begin with the bias along `component`.
+fn quantities(component: Option<usize>) -> Vec<Quantity> {
+    let of_scores = SCORES.iter().enumerate().filter(|(_, def)| def.is_headline).map(|(index, def)| {
+        Quantity { title: def.title(), bars: None, of: Box::new(move |s| s.0.score(index)) }
     });
-    let same_line =
-        |a: &(f64, &'a Entry), b: &(f64, &'a Entry)| a.1.tracker == b.1.tracker && others(a.1) == others(b.1);
-    let of_line = |line: &[(f64, &'a Entry)]| {
-        let (_, first) = line[0];
-        let fixed = first.axes.iter().filter(|(other, _)| *other != axis);
-        let fixed = fixed.map(|(other, v)| format!("{} = {}", short_key(other, &keys), axis_text(v)));
-        let fixed = fixed.collect::<Vec<_>>().join(", ");
-        let points = line.chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq());
-        let points = points.map(|same| (same[0].0, same.iter().map(|p| p.1).collect())).collect();
-        Line { tracker: &first.tracker, fixed, points }
+    type Plain = fn(&Score) -> Option<f64>;
+    let plain = |title: &str, of: Plain| Quantity {
+        title: title.to_owned(),
+        bars: None,
+        of: Box::new(move |s| (of(&s.1), None)),
     };
-    placed.chunk_by(same_line).map(of_line).collect()
+    let bias = component.map(|k| Quantity {
+        title: ["bias of u, px", "bias of v, px"][k].to_owned(),
+        bars: Some("random errors"),
+        of: Box::new(move |s| biased(&s.1, k)),
+    });
+    // A few outliers decide about a root mean square.
+    let robust = [
+        plain("median error xy of found particles, px", |s| s.detection.as_ref()?.p50_xy_px),
+        plain("share of outliers (GDPT)", |s| s.gdpt.as_ref()?.rate_outlier),
+        plain("median error of u, px", |s| s.field.as_ref()?.main.u.median_abs_px),
+        plain("median error of v, px", |s| s.field.as_ref()?.main.v.median_abs_px),
+        plain("share of outliers", |s| s.field.as_ref()?.main.outlier_fraction),
+    ];
+    bias.into_iter().chain(of_scores).chain(robust).collect()
 }
 
-/// A score over an axis; `None` if no case has it.
-fn plot(x: &str, on_axis: &[Line<'_>], y: &str, index: usize) -> Result<Option<Markup>> {
-    // Minimum and maximum number of repetitions of the points.
-    let counts = on_axis.iter().flat_map(|line| &line.points);
-    let counts = counts.map(|(_, same)| same.iter().filter(|e| e.score(index).0.is_some()).count());
-    let (least, most) = counts.filter(|n| *n > 0).fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
-    let mut series: Vec<Series> = on_axis.iter().map(|line| series(line, index, most > 1)).collect();
-    let mut trackers: Vec<&str> = on_axis.iter().map(|line| line.tracker).collect();
-    let mut drawn = series.iter().map(Series::has_points);
-    trackers.retain(|_| drawn.next() == Some(true));
-    series.retain(Series::has_points);
-    if series.is_empty() {
-        return Ok(None);
+/// Bias of a component of the displacement, and the same with the random error on both sides.
+fn biased(score: &Score, component: usize) -> (Option<f64>, Interval) {
+    let of = score.field.as_ref().map(|field| if component == 0 { &field.main.u } else { &field.main.v });
+    let ends = of.and_then(|of| Some((of.bias_px?, of.random_px?)));
+    (of.and_then(|of| of.bias_px), ends.map(|(bias, random)| [bias - random, bias + random]))
+}
+
+/// A parameter of the sweep along the horizontal axis.
+struct Parameter {
+    label: String,
+    key: String,
+    /// Which number of a value places it, times a factor; `None` for values that are not numbers.
+    number: Option<(usize, f64)>,
+    /// Values that are not numbers, with their names.
+    names: Vec<(String, String)>,
+    /// The component of a displacement (px) that the numbers are.
+    component: Option<usize>,
+}
+
+impl Parameter {
+    fn of(key: &str, all: &[Scored<'_>], px_per_um_s: Option<f64>) -> Option<Self> {
+        let values = order_of_axes(all.iter().filter_map(|s| s.0.axes.get_key_value(key)));
+        let (_, stem, first, _) = values.first()?;
+        let has_form =
+            values.iter().all(|(_, s, n, _)| s == stem && n.len() == first.len()) && !first.is_empty();
+        let differs = |nth: &usize| values.iter().any(|(_, _, numbers, _)| numbers[*nth] != first[*nth]);
+        let different: Vec<usize> = (0..if has_form { first.len() } else { 0 }).filter(differs).collect();
+        let nth = match different[..] {
+            [] if has_form => Some(0),
+            [nth] => Some(nth),
+            _ => None,
+        };
+        let words = words(key);
+        let is_vector = first.len() > 1;
+        let velocity = px_per_um_s.filter(|_| words == "velocity, um/s");
+        let component = nth.filter(|nth| is_vector && velocity.is_some() && *nth < 2);
+        let label = match component {
+            Some(k) => format!("displacement along {}, px", ['x', 'y'][k]),
+            None => match nth.filter(|_| is_vector && first.len() == 3) {
+                Some(k) => format!("{}, {}", ["x", "y", "z"][k], words),
+                None => words,
+            },
+        };
+        let mut names: Vec<(String, String)> = Vec::new();
+        if nth.is_none() {
+            let mut texts: Vec<String> =
+                all.iter().filter_map(|s| s.0.axes.get(key)).map(axis_text).collect();
+            texts.sort_unstable();
+            texts.dedup();
+            names = texts.iter().map(|text| (text.clone(), short_value(text, &texts))).collect();
+        }
+        let factor = component.and(velocity).unwrap_or(1.0);
+        Some(Parameter { label, key: key.to_owned(), number: nth.map(|nth| (nth, factor)), names, component })
     }
-    let mut at: Vec<f64> = on_axis.iter().flat_map(|line| line.points.iter().map(|p| p.0)).collect();
-    at.sort_unstable_by(f64::total_cmp);
-    at.dedup();
-    let (labels, is_log) = (AxisLabels { x, y, title: y }, is_logarithmic(&at));
-    let svg = if is_log { lines_over_log(&labels, &series, &at) } else { lines(&labels, &series) }?;
-    let mut caption = format!("{y} against {x}{}", if is_log { " (logarithmic)" } else { "" });
-    if most > 1 {
-        let n = if least == most { format!("{most}") } else { format!("{least} to {most}") };
-        caption += &format!(
-            ": mean of {n} repetitions, each of them a dot; bars are their standard deviation (divisor n - 1)"
-        );
-    } else if series.iter().any(|s| s.bars.iter().any(|bar| bar.0.is_finite())) {
-        caption += "; bars are 95 % intervals";
+
+    /// Where the value of a score is along the axis.
+    fn place(&self, s: Scored<'_>) -> Option<f64> {
+        let value = s.0.axes.get_key_value(&self.key)?;
+        match self.number {
+            Some((nth, factor)) => {
+                order_of_axes(std::iter::once(value)).pop()?.2.get(nth).map(|v| v * factor)
+            }
+            None => {
+                let text = axis_text(value.1);
+                self.names.iter().position(|(value, _)| *value == text).map(|k| k as f64)
+            }
+        }
     }
-    caption += ".";
+}
+
+/// The name of a key in the words of the field, with its unit.
+fn words(key: &str) -> String {
+    for (end, words) in [
+        ("number.count", "particles in view"),
+        ("number.ppp", "particles per pixel"),
+        ("number.n_s", "source density N_S"),
+        ("c_int.normal.sd", "standard deviation of the brightness"),
+        ("background_noise", "background noise, counts"),
+        ("background_mean", "background, counts"),
+        ("cyl_focal_length", "focal length of the cylindrical lens, um"),
+        ("optics.cylinder", "cylindrical lens"),
+        ("shear.rate_per_s", "shear rate, 1/s"),
+    ] {
+        if key.ends_with(end) {
+            return words.to_owned();
+        }
+    }
+    let last = key.rsplit('.').next().unwrap_or(key);
+    let unit = scenario::spec::schema().find(key).and_then(|entry| entry.words("x-unit").map(str::to_owned));
+    let Some(unit) = unit else { return last.replace('_', " ") };
+    let ending = format!("_{}", unit.replace('/', "_"));
+    format!("{}, {unit}", last.strip_suffix(&ending).unwrap_or(last).replace('_', " "))
+}
+
+/// The parts of a value that not all values have.
+fn short_value(text: &str, all: &[String]) -> String {
+    let parts = |text: &str| -> Vec<String> {
+        text.split(['(', ')', ','])
+            .map(|part| part.trim().to_owned())
+            .filter(|part| !part.is_empty())
+            .collect()
+    };
+    let shared = |part: &String| all.len() > 1 && all.iter().all(|other| parts(other).contains(part));
+    // `Some(lens(...))` and `None` share nothing: what the others share is left out, too.
+    let longest = |part: &String| {
+        let alike = all.iter().filter(|other| parts(other).len() > 1).collect::<Vec<_>>();
+        alike.len() > 1 && parts(text).len() > 1 && alike.iter().all(|other| parts(other).contains(part))
+    };
+    let own: Vec<String> = parts(text).into_iter().filter(|part| !shared(part) && !longest(part)).collect();
+    if own.is_empty() { text.to_owned() } else { own.join(", ").replace('_', " ") }
+}
+
+/// The scores over one of the parameters.
+struct Sweep<'a> {
+    all: &'a [Scored<'a>],
+    x: Parameter,
+    /// The other parameters that vary: the first one distinguishes lines, the rest panels.
+    others: Vec<&'a str>,
+    keys: &'a BTreeSet<&'a str>,
+}
+
+/// The scores of a line: at each place of the axis, all repetitions.
+type Line<'a> = Vec<(f64, Vec<Scored<'a>>)>;
+
+/// A figure: panels with their titles, each with the same lines.
+struct Layout<'a> {
+    lines: Vec<String>,
+    panels: Vec<(String, Vec<Line<'a>>)>,
+}
+
+impl<'a> Sweep<'a> {
+    /// `key = value` of a score.
+    fn text(&self, key: &str, s: Scored<'_>) -> String {
+        let value = s.0.axes.get(key).unwrap_or(&Value::Null);
+        format!("{} = {}", short_key(key, self.keys).replace('_', " "), axis_text(value))
+    }
+
+    /// The figures for scores that have a value.
+    fn layouts(&self, has: impl Fn(Scored<'_>) -> bool) -> Vec<Layout<'a>> {
+        let order = |keys: &[&str], s: Scored<'a>| {
+            let of = |key: &&str| order_of_axes(s.0.axes.get_key_value(*key).into_iter());
+            keys.iter().map(of).collect::<Vec<_>>()
+        };
+        let drawn: Vec<Scored<'a>> = self.all.iter().copied().filter(|s| has(s)).collect();
+        let (line_keys, panel_keys) = self.others.split_at(self.others.len().min(1));
+        let count = |by_tracker: bool| {
+            let name = |s: Scored<'a>| {
+                let own = line_keys.iter().map(|key| self.text(key, s)).collect::<String>();
+                (by_tracker.then_some(s.0.tracker.as_str()), own)
+            };
+            drawn.iter().copied().map(name).collect::<BTreeSet<_>>().len()
+        };
+        // Too many lines: a panel for each tracker.
+        let are_split = count(true) > MOST_LINES;
+        let mut sorted = drawn.clone();
+        sorted.sort_by(|a, b| {
+            let of = |s: Scored<'a>| (s.0.tracker.as_str(), order(line_keys, s));
+            of(a).partial_cmp(&of(b)).unwrap_or(std::cmp::Ordering::Equal)
+        });
+        let line_of = |s: Scored<'a>| {
+            let own = line_keys.iter().map(|key| self.text(key, s));
+            let tracker = Some(s.0.tracker.clone()).filter(|_| !are_split || line_keys.is_empty());
+            tracker.into_iter().chain(own).collect::<Vec<_>>().join(", ")
+        };
+        let panel_of = |s: Scored<'a>| {
+            let own = panel_keys.iter().map(|key| self.text(key, s));
+            let tracker = Some(s.0.tracker.clone()).filter(|_| are_split && !line_keys.is_empty());
+            tracker.into_iter().chain(own).collect::<Vec<_>>().join(", ")
+        };
+        let mut lines: Vec<String> = Vec::new();
+        sorted.iter().copied().map(line_of).for_each(|line| {
+            if !lines.contains(&line) {
+                lines.push(line);
+            }
+        });
+        sorted.sort_by(|a, b| {
+            let of = |s: Scored<'a>| (s.0.tracker.as_str(), order(panel_keys, s));
+            of(a).partial_cmp(&of(b)).unwrap_or(std::cmp::Ordering::Equal)
+        });
+        let mut titles: Vec<String> = Vec::new();
+        sorted.iter().copied().map(panel_of).for_each(|title| {
+            if !titles.contains(&title) {
+                titles.push(title);
+            }
+        });
+        let line = |title: &str, name: &str| -> Line<'a> {
+            let own = drawn.iter().copied().filter(|s| panel_of(*s) == title && line_of(*s) == name);
+            let mut placed: Vec<(f64, Scored<'a>)> =
+                own.filter_map(|s| Some((self.x.place(s)?, s))).collect();
+            placed.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let same = placed.chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq());
+            same.map(|same| (same[0].0, same.iter().map(|p| p.1).collect())).collect()
+        };
+        let few = |names: &[String], titles: &[String]| Layout {
+            lines: names.to_vec(),
+            panels: titles
+                .iter()
+                .map(|title| (title.clone(), names.iter().map(|name| line(title, name)).collect()))
+                .collect(),
+        };
+        let chunks =
+            lines.chunks(MOST_LINES).flat_map(|names| titles.chunks(MOST_PANELS).map(move |t| (names, t)));
+        chunks.map(|(names, titles)| few(names, titles)).collect()
+    }
+
+    fn figures(&self, quantity: &Quantity) -> Result<Vec<Markup>> {
+        let layouts = self.layouts(|s| (quantity.of)(s).0.is_some());
+        layouts.iter().map(|layout| self.figure(layout, quantity)).collect()
+    }
+
+    /// A score over the axis.
+    fn figure(&self, layout: &Layout<'_>, quantity: &Quantity) -> Result<Markup> {
+        let points = || layout.panels.iter().flat_map(|panel| panel.1.iter().flatten());
+        let counts = points().map(|(_, same)| same.len());
+        let (least, most) = counts.fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
+        let drawn: Vec<(String, Vec<Series>)> = layout
+            .panels
+            .iter()
+            .map(|(title, lines)| {
+                let named = layout.lines.iter().zip(lines);
+                (title.clone(), named.map(|(name, line)| series(name, line, quantity, most > 1)).collect())
+            })
+            .collect();
+        let mut at: Vec<f64> = points().map(|point| point.0).collect();
+        at.sort_unstable_by(f64::total_cmp);
+        at.dedup();
+        let is_log = self.x.names.is_empty() && is_logarithmic(&at);
+        let names: Vec<&str> = self.x.names.iter().map(|name| name.1.as_str()).collect();
+        let across = if !names.is_empty() {
+            Across::Names(&names)
+        } else if is_log {
+            Across::Log(at.iter().copied().step_by(at.len().div_ceil(ACROSS)).collect())
+        } else {
+            Across::Linear
+        };
+        let (x, y) = (&self.x.label, &quantity.title);
+        let mut caption = format!("{y} against {x}{}", if is_log { " (logarithmic)" } else { "" });
+        if most > 1 {
+            let n = if least == most { format!("{most}") } else { format!("{least} to {most}") };
+            caption += &format!(
+                ": mean of {n} repetitions, each of them a dot; bars are their standard deviation (divisor n - 1)"
+            );
+        } else if drawn.iter().flat_map(|panel| &panel.1).any(|s| s.bars.iter().any(|bar| bar.0.is_finite()))
+        {
+            caption += &format!("; bars are {}", quantity.bars.unwrap_or("95 % intervals"));
+        }
+        shown(AxisLabels { x, y, title: y }, &drawn, &across, &caption)
+    }
+
+    /// The bias of a displacement against its fraction of a pixel, over one period.
+    fn bias_over_a_period(&self, component: usize) -> Result<Vec<Markup>> {
+        let layouts = self.layouts(|s| biased(&s.1, component).0.is_some());
+        let of_line = |name: &String, line: &Line<'_>| {
+            // Thousandths of a pixel, with bias and random error.
+            let mut at: BTreeMap<i64, Vec<[f64; 2]>> = BTreeMap::new();
+            for (x, same) in line {
+                let thousandth = (1000.0 * (x - x.floor())).round() as i64 % 1000;
+                let of = same.iter().filter_map(|s| match biased(&s.1, component) {
+                    (Some(bias), Some([low, _])) => Some([bias, bias - low]),
+                    _ => None,
+                });
+                at.entry(thousandth).or_default().extend(of);
+            }
+            at.extend(at.get(&0).cloned().map(|whole| (1000, whole)));
+            let mut drawn = Series::new(name, Vec::new());
+            for (thousandth, all) in at.into_iter().filter(|(_, all)| !all.is_empty()) {
+                let x = thousandth as f64 / 1000.0;
+                let n = all.len() as f64;
+                let bias = all.iter().map(|v| v[0]).sum::<f64>() / n;
+                let random = (all.iter().map(|v| v[1] * v[1]).sum::<f64>() / n).sqrt();
+                drawn.points.push((x, bias));
+                drawn.bars.push((bias - random, bias + random));
+                drawn.singles.extend(all.iter().filter(|_| n > 1.0).map(|v| (x, v[0])));
+            }
+            drawn
+        };
+        let figure = |layout: &Layout<'_>| {
+            let of_panel = |(title, lines): &(String, Vec<Line<'_>>)| {
+                (
+                    title.clone(),
+                    layout.lines.iter().zip(lines).map(|(name, line)| of_line(name, line)).collect(),
+                )
+            };
+            let drawn: Vec<(String, Vec<Series>)> = layout.panels.iter().map(of_panel).collect();
+            let y = ["bias of u, px", "bias of v, px"][component];
+            let labels = AxisLabels { x: "fraction of the displacement, px", y, title: y };
+            let caption = "bias against the fraction of the displacement, which shows peak locking: displacements that differ by whole \
+                           pixels are faint dots, their mean a line; bars are random errors";
+            shown(labels, &drawn, &Across::Linear, caption)
+        };
+        layouts.iter().map(figure).collect()
+    }
+}
+
+/// Panels with their legend and caption.
+fn shown(
+    labels: AxisLabels<'_>,
+    drawn: &[(String, Vec<Series>)],
+    across: &Across<'_>,
+    caption: &str,
+) -> Result<Markup> {
+    let svg = panels(&labels, drawn, across)?;
+    // A line may have points in some panels only.
+    let has_points = |k: usize| drawn.iter().any(|panel| panel.1[k].has_points());
+    let lines = drawn.first().map_or(&[][..], |panel| &panel.1).iter().enumerate();
+    let legend: Vec<&str> =
+        lines.map(|(k, line)| if has_points(k) { line.name.as_str() } else { "" }).collect();
+    let mut caption = format!("{caption}.");
     caption[..1].make_ascii_uppercase();
-    Ok(Some(figure_by_group(svg, &trackers, &names(&series), &caption)))
+    Ok(figure_of(svg, &legend, &caption))
 }
 
-fn series(line: &Line<'_>, index: usize, has_repetitions: bool) -> Series {
+fn series(name: &str, line: &Line<'_>, quantity: &Quantity, has_repetitions: bool) -> Series {
     const NONE: (f64, f64) = (f64::NAN, f64::NAN);
-    let mut drawn = Series::new(&line.fixed, Vec::new());
-    for (x, same) in &line.points {
-        let values: Vec<f64> = same.iter().filter_map(|e| e.score(index).0).collect();
+    let mut drawn = Series::new(name, Vec::new());
+    for (x, same) in line {
+        let values: Vec<f64> = same.iter().filter_map(|s| (quantity.of)(s).0).collect();
         let of = Errors::of(values.iter().copied());
         let mean = of.bias.unwrap_or(f64::NAN);
         drawn.points.push((*x, mean));
@@ -147,7 +413,7 @@ fn series(line: &Line<'_>, index: usize, has_repetitions: bool) -> Series {
             let deviation = of.random.filter(|_| n > 1.0).map(|random| random * (n / (n - 1.0)).sqrt());
             drawn.bars.push(deviation.map_or(NONE, |d| (mean - d, mean + d)));
         } else {
-            let ends = same.iter().find_map(|e| e.score(index).1);
+            let ends = same.iter().find_map(|s| (quantity.of)(s).1);
             drawn.bars.push(ends.map_or(NONE, |[low, high]| (low, high)));
         }
     }
@@ -156,114 +422,153 @@ fn series(line: &Line<'_>, index: usize, has_repetitions: bool) -> Series {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::Value;
+    use scoring::evaluate::field::FieldScore;
+    use serde_json::json;
 
     use super::*;
 
-    fn entry(tracker: &str, f1: f64, axes: &[(&str, Value)]) -> Entry {
+    fn scored(tracker: &str, f1: f64, axes: &[(&str, Value)]) -> (Entry, Score) {
         let mut entry = Entry::default();
         // F1 is the first score.
         (entry.tracker, entry.scores) = (tracker.to_owned(), vec![(Some(f1), None)]);
         entry.axes = axes.iter().map(|(axis, value)| ((*axis).to_owned(), value.clone())).collect();
-        entry
+        (entry, Score::default())
+    }
+
+    /// The figures over all parameters, as text.
+    fn pages(scores: &[(Entry, Score)]) -> Vec<String> {
+        axis_plots(scores, Some(0.005 / 0.645)).unwrap().into_iter().map(Markup::into_string).collect()
     }
 
     #[test]
     fn repetitions_are_a_mean_with_its_standard_deviation() {
-        let of = |x: f64, f1: f64| entry("ncc", f1, &[("a.x", x.into())]);
-        let entries = [of(1.0, 0.9), of(1.0, 0.7), of(20.0, 0.4), of(20.0, 0.6), of(3.0, 0.5)];
-        let entries: Vec<&Entry> = entries.iter().collect();
-        let on_axis = lines_over("a.x", &entries, 0);
-        let [line] = &on_axis[..] else { panic!("{} lines", on_axis.len()) };
-        let drawn = series(line, 0, true);
-        // One point for each value, so that no line connects repetitions.
-        let expected = [(1.0, 0.8, 0.1), (3.0, 0.5, f64::NAN), (20.0, 0.5, 0.1)];
-        assert_eq!((drawn.points.len(), drawn.bars.len(), drawn.singles.len()), (3, 3, 5));
-        for ((point, bar), (x, mean, half)) in drawn.points.iter().zip(&drawn.bars).zip(expected) {
-            // The standard deviation of two values is their distance over the square root of 2; up to
-            // rounding.
-            let half = half * 2f64.sqrt();
-            assert!((point.0, (point.1 - mean).abs() < 1e-12) == (x, true), "{point:?}");
-            assert!(half.is_nan() && bar.0.is_nan() || (bar.1 - mean - half).abs() < 1e-12, "{bar:?}");
-        }
-        let page = plot("a.x", &on_axis, "F1", 0).unwrap().unwrap().into_string();
+        let of = |x: f64, f1: f64| scored("ncc", f1, &[("a.x", x.into())]);
+        let scores = [of(1.0, 0.9), of(1.0, 0.7), of(20.0, 0.4), of(20.0, 0.6), of(3.0, 0.5)];
+        let [page] = &pages(&scores)[..] else { panic!("not one figure") };
         assert!(
-            page.contains("F1 against a.x (logarithmic): mean of 1 to 2 repetitions")
-                && page.contains("deviation")
+            page.contains("F1 against x (logarithmic): mean of 1 to 2 repetitions")
+                && page.contains("deviation"),
+            "{page}"
         );
         assert_eq!(page.matches("opacity=\"0.35\"").count(), 5, "faint dots");
+        let quantity = &quantities(None)[0];
+        let all: Vec<Scored<'_>> = scores.iter().collect();
+        let line = vec![(1.0, all[..2].to_vec()), (3.0, all[4..].to_vec())];
+        let drawn = series("", &line, quantity, true);
+        // The standard deviation of two values is their distance over the square root of 2.
+        assert!((drawn.bars[0].1 - 0.8 - 0.1 * 2f64.sqrt()).abs() < 1e-12 && drawn.bars[1].0.is_nan());
     }
 
     #[test]
     fn a_score_without_repetitions_has_its_interval() {
-        let mut entries = [1.0, 2.0].map(|x: f64| entry("ncc", 0.5, &[("x", x.into())]));
-        for entry in &mut entries {
+        let mut scores = [1.0, 2.0].map(|x: f64| scored("ncc", 0.5, &[("x", x.into())]));
+        for (entry, _) in &mut scores {
             entry.scores[0].1 = Some([0.4, 0.6]);
         }
-        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>(), 0);
-        let drawn = series(&on_axis[0], 0, false);
-        assert_eq!((drawn.bars, drawn.singles.len()), (vec![(0.4, 0.6); 2], 0));
-        let page = plot("x", &on_axis, "F1", 0).unwrap().unwrap().into_string();
-        assert!(page.contains("F1 against x; bars are 95 % intervals."), "{page}");
+        assert!(pages(&scores)[0].contains("F1 against x; bars are 95 % intervals."));
     }
 
     #[test]
-    fn lines_are_in_the_order_of_numbers() {
-        let values = [100.0, 20.0, 400.0, 0.0];
-        let of = |noise: f64| entry("ncc", 0.5, &[("o.noise", noise.into()), ("n.count", 16.0.into())]);
-        let entries = values.map(of);
-        let on_axis = lines_over("n.count", &entries.iter().collect::<Vec<_>>(), 0);
-        let fixed: Vec<&str> = on_axis.iter().map(|line| line.fixed.as_str()).collect();
-        assert_eq!(fixed, ["noise = 0", "noise = 20", "noise = 100", "noise = 400"]);
+    fn values_that_are_no_numbers_are_categories() {
+        let lens = |mm: &str| json!(format!("lens(focal_length_mm: 1000, to_sensor_mm: {mm})"));
+        let values = [json!("None"), lens("70"), lens("115")];
+        let scores = values.map(|value| scored("ncc", 0.5, &[("optics.cylinder", value)]));
+        let page = pages(&scores).concat();
+        assert!(page.contains("F1 against cylindrical lens"), "{page}");
+        for name in ["None", "to sensor mm: 70", "to sensor mm: 115"] {
+            assert!(page.lines().any(|line| line.trim() == name), "{name} has no place in {page}");
+        }
+        assert!(!page.contains("focal") && !page.contains("<polyline"), "dots without lines");
     }
 
     #[test]
-    fn a_legend_names_keys_and_has_a_line_for_each_tracker() {
-        let of = |tracker: &str, count: u32| {
-            let axes = [
-                ("x", 1.0.into()),
-                ("particles.number.count", count.into()),
-                ("timing.pairs.count", 2.into()),
-            ];
-            entry(tracker, 0.5, &axes)
-        };
-        let entries = [of("ncc", 5), of("spots", 5), of("ncc", 9)];
-        let page = plot("x", &lines_over("x", &entries.iter().collect::<Vec<_>>(), 0), "F1", 0);
-        let page = page.unwrap().unwrap().into_string();
-        let (ncc, spots) = (page.find("<b>ncc</b>: ").unwrap(), page.find("<b>spots</b>: ").unwrap());
-        assert!(page[ncc..spots].contains("number.count = 5, pairs.count = 2"), "{page}");
-        assert!(page[ncc..spots].contains("number.count = 9, pairs.count = 2"), "{page}");
-        assert!(page[spots..].contains("number.count = 5") && !page[spots..].contains("number.count = 9"));
-        let alone = [entry("ncc", 0.5, &[("x", 1.0.into())])];
-        let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>(), 0), "F1", 0);
-        assert!(page.unwrap().unwrap().into_string().contains("<b>ncc</b> <span"));
+    fn a_panel_has_at_most_six_lines_and_further_parameters_have_panels() {
+        let mut scores = Vec::new();
+        for (tracker, x) in ["mle", "ncc"].into_iter().flat_map(|t| [1.0, 2.0].map(|x| (t, x))) {
+            for (noise, count) in [0, 100, 20, 400].into_iter().flat_map(|n| [5, 9].map(|c| (n, c))) {
+                let axes = [
+                    ("x", x.into()),
+                    ("optics.background_noise", noise.into()),
+                    ("particles.number.count", count.into()),
+                    ("timing.pairs.count", 2.into()),
+                ];
+                scores.push(scored(tracker, 0.5, &axes));
+            }
+        }
+        let page = &pages(&scores).into_iter().find(|page| page.contains("F1 against x.")).unwrap();
+        // Four values of the noise with two trackers would be eight lines: each tracker has its panels.
+        let titles = [
+            "mle, number.count = 5",
+            "mle, number.count = 9",
+            "ncc, number.count = 5",
+            "ncc, number.count = 9",
+        ];
+        for title in titles {
+            assert!(page.lines().any(|line| line.trim() == title), "{title} is no title in {page}");
+        }
+        let legend: Vec<_> = page.match_indices("background noise = ").map(|(at, _)| at).collect();
+        assert_eq!(legend.len(), 4, "one legend: {page}");
+        let named = ["noise = 0<", "noise = 20<", "noise = 100<", "noise = 400<"]
+            .map(|name| page.find(name).unwrap());
+        assert!(named.is_sorted(), "in the order of their numbers");
+        // A parameter with one value is not named.
+        assert!(!page.contains("pairs.count = 2"));
     }
 
     #[test]
     fn a_logarithmic_axis_has_ticks_at_its_values() {
-        let of = |x: f64| entry("ncc", 0.5, &[("x", x.into())]);
-        let entries = [4.0, 16.0, 64.0, 256.0].map(of);
-        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>(), 0);
-        let page = plot("x", &on_axis, "F1", 0).unwrap().unwrap().into_string();
+        let scores = [4.0, 16.0, 64.0, 256.0].map(|x: f64| scored("ncc", 0.5, &[("x", x.into())]));
+        let page = &pages(&scores)[0];
         assert!(page.contains("F1 against x (logarithmic)."));
         for tick in ["4", "16", "64", "256"] {
             assert!(page.lines().any(|line| line.trim() == tick), "{tick} is no tick");
         }
     }
 
+    /// 129 um/s are 1 px from frame to frame.
     #[test]
-    fn vectors_are_placed_by_the_component_that_differs() {
-        let page = |values: [&str; 3]| {
-            let of = |value: &str| entry("piv", 0.5, &[("velocity", value.into())]);
-            let entries = values.map(of);
-            let plots = axis_plots(&entries.iter().collect::<Vec<_>>()).unwrap();
-            plots.into_iter().map(Markup::into_string).collect::<String>()
+    fn the_bias_of_displacements_is_shown_first_and_over_one_period() {
+        let of = |velocity: &str, bias: f64| {
+            let key = "motion.flow.field.uniform.velocity_um_s";
+            let (entry, mut score) = scored("piv", 0.5, &[(key, velocity.into())]);
+            let mut field = FieldScore::default();
+            (field.main.u.bias_px, field.main.u.random_px) = (Some(bias), Some(0.01));
+            score.field = Some(field);
+            (entry, score)
         };
-        let vectors = page(["(-12.9, 0, 1)", "(0, 0, 1)", "(25, 0, 1)"]);
-        assert!(vectors.contains("F1 against velocity, number 1 of 3"), "{vectors}");
-        assert_eq!(numbers_of("x", &[&entry("a", 0.5, &[("x", 3.into())])]).unwrap().label, "x");
-        for values in [["(0, 1)", "(1, 2)", "(2, 3)"], ["spherical", "cylindrical", "spherical"]] {
-            assert!(page(values).starts_with("<p>There is no plot over <code>velocity</code>"));
+        let scores = [of("(0.0, 0, 0)", 0.0), of("(32.25, 0, 0)", 0.03), of("(161.25, 0, 0)", 0.05)];
+        let found = pages(&scores);
+        assert!(
+            found[0].contains("fraction of the displacement, px") && found[0].contains("bias of u, px"),
+            "{}",
+            found[0]
+        );
+        assert!(
+            found[1].contains("Bias of u, px against displacement along x, px; bars are random errors."),
+            "{}",
+            found[1]
+        );
+        for tick in ["0.2", "1"] {
+            assert!(found[0].lines().any(|line| line.trim() == tick), "{tick} is no tick of {}", found[0]);
         }
+        // 0.25 and 1.25 px are one point with two faint dots.
+        assert_eq!(found[0].matches("opacity=\"0.35\"").count(), 2, "{}", found[0]);
+    }
+
+    #[test]
+    fn parameters_are_named_in_the_words_of_the_field() {
+        for (key, expected) in [
+            ("motion.flow.field.sinusoid.wavelength_um", "wavelength, um"),
+            ("optics.background_noise", "background noise, counts"),
+            ("particles.number.ppp", "particles per pixel"),
+            ("motion.flow.field.uniform.velocity_um_s", "velocity, um/s"),
+            ("x", "x"),
+        ] {
+            assert_eq!(words(key), expected);
+        }
+        let z = [(0.0, 0.1), (3.0, 0.2)].map(|(w, f1): (f64, f64)| {
+            scored("piv", f1, &[("u.velocity_um_s", format!("(0, 0, {w})").into())])
+        });
+        assert!(pages(&z).concat().contains("F1 against z, velocity"), "{}", pages(&z).concat());
     }
 }

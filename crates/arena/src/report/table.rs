@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use scoring::evaluate::Score;
 use scoring::evaluate::crlb::{BoundBin, Crlb};
-use scoring::evaluate::field::{ComponentErrors, FieldErrors};
+use scoring::evaluate::field::{ComponentErrors, FieldErrors, FieldScore};
 use scoring::evaluate::motion::VelocitySource;
 use scoring::evaluate::statistics::quantile;
 use scoring::evaluate::uncertainty::Uncertainty;
@@ -51,25 +51,27 @@ fn line(out: &mut String, name: &str, text: &str) {
     let _ = writeln!(out, "{}", row.trim_end());
 }
 
-/// The scores as a text table.
-pub fn table(score: &Score) -> String {
-    let mut text = format!("{} against {}\n", score.result, score.dataset);
+/// The scores as a text table: those that a result of this kind is judged by.
+pub fn summary(score: &Score) -> String {
+    let (mut text, has_more) = (head(score), score.detection.is_some() || score.field.is_some());
     let out = &mut text;
-    score.hints.iter().for_each(|hint| line(out, "HINT", &hint.what));
-    score.warnings.iter().for_each(|warning| line(out, "WARNING", warning));
-    score.assumptions.iter().for_each(|a| line(out, "read as", a));
-    score.unknown.iter().for_each(|what| line(out, "not known", what));
+    found(out, score);
+    planes(out, score);
+    score.field.iter().for_each(|field| vectors_in_short(out, field));
+    if has_more {
+        line(out, "", "(--all prints all scores)");
+    }
+    text
+}
+
+/// All scores as a text table.
+pub fn table(score: &Score) -> String {
+    let mut text = head(score);
+    let out = &mut text;
     particles(out, score);
     planes(out, score);
     if let Some(field) = &score.field {
-        let counts = format!(
-            "{} of {} vectors valid, {} interpolated, {} outside the true field",
-            field.n_reported, field.n_total, field.n_interpolated, field.n_outside
-        );
-        line(out, "field", &counts);
-        if let Some(z_um) = field.plane_um {
-            line(out, "plane", &format!("truth at z = {z_um} um"));
-        }
+        counts(out, field);
         field.truths.iter().for_each(|(name, against)| vectors(out, name, against));
     }
     if let Some(offset) = &score.offset {
@@ -80,6 +82,140 @@ pub fn table(score: &Score) -> String {
         line(out, "offset", &fits);
     }
     text
+}
+
+/// What precedes the scores.
+fn head(score: &Score) -> String {
+    let mut text = format!("{} against {}\n", score.result, score.dataset);
+    let out = &mut text;
+    score.hints.iter().for_each(|hint| line(out, "HINT", &hint.what));
+    score.warnings.iter().for_each(|warning| line(out, "WARNING", warning));
+    score.assumptions.iter().for_each(|a| line(out, "read as", a));
+    score.unknown.iter().for_each(|what| line(out, "not known", what));
+    text
+}
+
+/// How many vectors there are, and where.
+fn counts(out: &mut String, field: &FieldScore) {
+    let counts = format!(
+        "{} of {} vectors valid, {} interpolated, {} outside the true field",
+        field.n_reported, field.n_total, field.n_interpolated, field.n_outside
+    );
+    line(out, "field", &counts);
+    if let Some(z_um) = field.plane_um {
+        line(out, "plane", &format!("truth at z = {z_um} um"));
+    }
+}
+
+/// Vectors, their errors against the main truth, outliers, what they resolve.
+fn vectors_in_short(out: &mut String, field: &FieldScore) {
+    let (n, main) = (number, &field.main);
+    counts(out, field);
+    for (name, of) in [("u", &main.u), ("v", &main.v)] {
+        let text = format!(
+            "bias {}  random {}  RMS {}  median {} px",
+            signed(of.bias_px),
+            n(of.random_px),
+            n(of.rms_px),
+            n(of.median_abs_px)
+        );
+        line(out, name, &text);
+    }
+    let nodes = &field.nodes;
+    let text = format!(
+        "{} beyond {} px  AEE {} px{}  valid nodes {}{}",
+        n(main.outlier_fraction),
+        main.outlier_threshold_px,
+        n(main.aee_px),
+        interval(main.interval_aee_px),
+        n(nodes.valid),
+        interval(nodes.interval_valid)
+    );
+    line(out, "outliers", &text);
+    let text = format!(
+        "peak locking {}  bias amplitude {} px  modulation u {}  v {}",
+        n(main.peak_locking.degree_corrected),
+        n(main.peak_locking.amplitude_px),
+        n(main.modulation_u),
+        n(main.modulation_v)
+    );
+    line(out, "resolves", &text);
+}
+
+/// Particles found, errors of their positions, links, and what explains them: overlap, and the bound or claims.
+fn found(out: &mut String, score: &Score) {
+    let Some(d) = &score.detection else { return };
+    let n = number;
+    let text = format!(
+        "{} of {}  recall {}{}  {} ghosts  precision {}  F1 {}{}",
+        d.tp,
+        d.tp + d.missed,
+        n(d.recall),
+        interval(d.interval_recall),
+        d.fp,
+        n(d.precision),
+        n(d.f1),
+        interval(d.interval_f1)
+    );
+    line(out, "found", &text);
+    let of_axis = |name: &str, bias: Option<f64>, rms: Option<f64>, unit: &str| {
+        rms.map(|rms| format!("{name} RMS {} {unit}, bias {}", n(Some(rms)), signed(bias)))
+    };
+    let errors = [
+        of_axis("x", d.bias_x_px, d.rmse_x_px, "px"),
+        of_axis("y", d.bias_y_px, d.rmse_y_px, "px"),
+        of_axis("z", d.bias_z_um, d.rmse_z_um, "um"),
+        score.gdpt.as_ref().and_then(|g| Some(format!("sigma z {} h", n(Some(g.sigma_z_over_h?))))),
+    ];
+    line(out, "errors", &errors.into_iter().flatten().collect::<Vec<_>>().join("  "));
+    let links = [
+        score.links.as_ref().map(|l| format!("F1 {}{}", n(l.f1), interval(l.interval_f1))),
+        score.hota.as_ref().map(|h| format!("HOTA {}{}", n(h.hota), interval(h.interval_hota))),
+        score.lpt.as_ref().map(|l| format!("displacement RMS {} px", n(l.motion.displacement_rms_px))),
+    ];
+    let links: Vec<String> = links.into_iter().flatten().collect();
+    if !links.is_empty() {
+        line(out, "links", &links.join("  "));
+    }
+    if let Some(text) = overlap(score) {
+        line(out, "overlap", &text);
+    }
+    match (&score.crlb, &score.uncertainty) {
+        (Some(of), _) => bounds(out, of),
+        (None, Some(claims)) => {
+            let axes = [("x", &claims.x), ("y", &claims.y), ("z", &claims.z)];
+            let all = axes
+                .iter()
+                .filter_map(|(axis, of)| Some(format!("{axis} RMS error / RMS U {}", n(of.as_ref()?.ratio))));
+            line(out, "claims", &all.collect::<Vec<_>>().join("  "));
+        }
+        (None, None) => {}
+    }
+}
+
+/// Largest overlap of an image that counts as isolated, and the difference of recalls that overlap explains.
+const ISOLATED: f64 = 0.2;
+const EXPLAINED: f64 = 0.1;
+
+/// The recall of isolated particles and of the others, if they differ or nearly all overlap.
+fn overlap(score: &Score) -> Option<String> {
+    let bins = &score.curves.iter().find(|curve| curve.against == "overlap")?.bins;
+    let sum = |is_isolated: bool| {
+        let own = bins.iter().filter(|bin| (bin.to <= ISOLATED + 1e-9) == is_isolated);
+        own.fold((0, 0), |(tp, n), bin| (tp + bin.tp, n + bin.n_true))
+    };
+    let recall = |(tp, n): (usize, usize)| (n > 0).then(|| tp as f64 / n as f64);
+    let (isolated, others) = (sum(true), sum(false));
+    let share = others.1 as f64 / (isolated.1 + others.1).max(1) as f64;
+    let (low, high) = (recall(others)?, recall(isolated));
+    let explains = high.is_some_and(|high| high > low + EXPLAINED) || (share > 0.9 && low < 0.5);
+    explains.then(|| {
+        let high = high.map_or_else(String::new, |high| format!(", {high:.2} of the others"));
+        format!(
+            "explains misses: {:.0} % of the particles share more than {ISOLATED} of their light with others; recall {low:.2} of these{high}",
+            100.0 * share
+        )
+    })
 }
 
 /// Errors of depth against planes of known height.
@@ -370,4 +506,36 @@ fn vectors(out: &mut String, name: &str, a: &FieldErrors) {
     }
     claimed(out, "  claims u", a.uncertainty.u.as_ref());
     claimed(out, "  claims v", a.uncertainty.v.as_ref());
+}
+
+#[cfg(test)]
+mod tests {
+    use scoring::evaluate::curves::{Bin, Curve};
+    use scoring::evaluate::detection::Detection;
+
+    use super::*;
+
+    #[test]
+    fn five_lines_say_how_good_a_result_is_and_that_overlap_explains_it() {
+        let bin =
+            |to: f64, n_true: usize, tp: usize| Bin { from: to - 0.1, to, n_true, tp, ..Bin::default() };
+        let curve = |hard: usize| Curve {
+            against: "overlap".to_owned(),
+            bins: vec![bin(0.1, 10, 10), bin(0.2, 10, 9), bin(0.3, 40, hard), bin(0.4, 40, hard)],
+        };
+        let of = |hard: usize| {
+            let detection = Detection { tp: 3, missed: 1, recall: Some(0.75), ..Detection::default() };
+            summary(&Score { detection: Some(detection), curves: vec![curve(hard)], ..Score::default() })
+        };
+        let said = of(4);
+        assert!(said.contains("found      3 of 4  recall 0.7500"), "{said}");
+        assert!(said.contains("80 % of the particles share more than 0.2"), "{said}");
+        assert!(said.contains("recall 0.10 of") && said.contains("0.95 of the others"), "{said}");
+        assert!(
+            !of(38).contains("overlap")
+                && said.lines().count() <= 6
+                && said.lines().all(|l| l.len() <= WIDTH),
+            "{said}"
+        );
+    }
 }

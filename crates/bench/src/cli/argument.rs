@@ -30,11 +30,11 @@ pub(super) fn folder() -> impl TypedValueParser<Value = PathBuf> {
 /// A file for a plot. Names without an extension are allowed, as devices and pipes have none.
 pub(super) fn plot_file() -> impl TypedValueParser<Value = OutputFile> {
     PathBufValueParser::new().try_map(|path| {
-        let is_svg = path.extension().is_none_or(|extension| extension.eq_ignore_ascii_case("svg"));
-        if is_svg {
+        let is = |known: &str| path.extension().is_none_or(|extension| extension.eq_ignore_ascii_case(known));
+        if is("svg") || is("png") {
             Ok(OutputFile::argument(path))
         } else {
-            Err("plots are SVG: expected a name that ends in .svg")
+            Err("plots are SVG or PNG: expected a name that ends in .svg or .png")
         }
     })
 }
@@ -46,12 +46,15 @@ mod tests {
     #[test]
     fn plots_have_the_extension_of_their_format() {
         let parse = |name: &str| plot_file().parse_ref(&clap::Command::new("x"), None, name.as_ref());
-        for name in ["a.svg", "folder.png/A.SVG", "/dev/stdout"] {
+        for name in ["a.svg", "folder.pdf/A.SVG", "a.png", "/dev/stdout"] {
             assert_eq!(parse(name).ok(), Some(OutputFile::from(name)));
         }
-        for name in ["a.png", "a.svg.pdf"] {
+        for name in ["a.jpg", "a.svg.pdf"] {
             let said = parse(name).unwrap_err().to_string();
-            assert!(said.contains("plots are SVG: expected a name that ends in .svg"), "{said}");
+            assert!(
+                said.contains("plots are SVG or PNG: expected a name that ends in .svg or .png"),
+                "{said}"
+            );
         }
     }
 }

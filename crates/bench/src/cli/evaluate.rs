@@ -95,6 +95,9 @@ pub(super) struct Evaluate {
     /// while)
     #[arg(long)]
     crlb: bool,
+    /// Print all scores instead of a summary; `--json` and files always have all
+    #[arg(long)]
+    all: bool,
     /// Write score.json and tables into this folder
     #[arg(long, short, value_name = "DIR", value_parser = folder())]
     out: Option<PathBuf>,
@@ -169,7 +172,8 @@ impl Evaluate {
             (self.result.clone(), None)
         };
         let evaluation = evaluate_files(&self.dataset.file()?, &result, &options)?;
-        let mut text = report::table(&evaluation.score);
+        let of = if self.all { report::table } else { report::summary };
+        let mut text = of(&evaluation.score);
         if let Some(out) = &self.out {
             let written = report::write(out, &evaluation, self.report, self.replace.force)?;
             warn(&written.warning, common);

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::Common;
 use super::argument::plot_file;
 use super::options::Replace;
-use super::output::{report, written};
+use super::output::{report, save_picture, written};
 use crate::flow_plot;
 use scenario;
 use storage::OutputFile;
@@ -47,7 +47,7 @@ impl Flows {
             Error::input(format!("`{name}`: {hint}expected one of {}", names.join(", ")))
         })?;
         if let Some(file) = &self.plot {
-            file.save(self.replace.force, flow_plot::svg(entry)?)?;
+            save_picture(file, self.replace.force, &flow_plot::svg(entry)?)?;
             return written(file, &description(entry), &described(entry), common);
         }
         report(&description(entry), &described(entry), common)

@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use super::{Common, argument};
-use scenario::{Assignment, Scenario};
+use scenario::{Assignment, Scenario, ScenarioText};
 use storage::InputFile;
 use storage::error::Result;
 
@@ -24,6 +24,35 @@ impl ScenarioOptions {
     /// The scenario.
     pub(super) fn load(&self, common: &Common) -> Result<Scenario> {
         scenario::load(&self.file, &Assignment::all(&self.set)?, self.random.seed, &common.context)
+    }
+
+    /// The scenario, then other ones with the same changes, and variants of the first with one more change (`PATH=VALUE`),
+    /// each with its name.
+    ///
+    /// # Errors
+    /// As for [`scenario::load`].
+    pub(super) fn load_all(
+        &self,
+        others: &[InputFile],
+        variants: &[String],
+        common: &Common,
+    ) -> Result<Vec<(String, Scenario)>> {
+        let (set, first) = (Assignment::all(&self.set)?, ScenarioText::open(&self.file)?);
+        let load = |text: &ScenarioText, set: &[Assignment]| {
+            let place = (text.name.as_str(), text.folder.as_path());
+            scenario::load_text(&text.text, place, set, self.random.seed, &common.context)
+        };
+        let named = |scenario: Scenario| (scenario.spec.name.clone(), scenario);
+        let mut all = vec![named(load(&first, &set)?)];
+        for other in others {
+            all.push(named(load(&ScenarioText::open(other)?, &set)?));
+        }
+        for variant in Assignment::all(variants)? {
+            let key = variant.path.rsplit('.').next().unwrap_or_default();
+            let name = format!("{key} = {}", variant.value);
+            all.push((name, load(&first, &[set.as_slice(), &[variant]].concat())?));
+        }
+        Ok(all)
     }
 }
 

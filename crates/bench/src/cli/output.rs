@@ -128,6 +128,14 @@ pub(super) fn written(out: &OutputFile, text: &str, result: &impl Serialize, com
     Ok(())
 }
 
+/// Saves a plot (SVG), as PNG if the name of the file ends in it.
+pub(super) fn save_picture(file: &OutputFile, force: bool, svg: &str) -> Result<()> {
+    if file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        return file.save(force, crate::optics::png(svg)?);
+    }
+    file.save(force, svg)
+}
+
 fn line(text: &str, result: &impl Serialize, common: &Common) -> Result<String> {
     if common.json { json_of(result) } else { Ok(printable(text)) }
 }

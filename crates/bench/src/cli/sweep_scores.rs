@@ -8,9 +8,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::output::{progress, say, warn};
-use super::track::methods;
+use super::output::{say, warn};
+use super::track::{TrackerOptions, methods};
 use arena::report;
+use dataset::RecordingFacts;
 use generator::runner::{SweepOptions, Swept};
 use scenario::Case;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
@@ -29,10 +30,40 @@ pub(super) struct SweepScores {
     /// Score all results, also those of other programs in results/NAME/CASE.csv, into scores/NAME/CASE/
     #[arg(long)]
     evaluate: bool,
+    /// Add the Cramér-Rao bound of each case to its scores (takes a while)
+    #[arg(long, requires = "evaluate")]
+    crlb: bool,
     /// Plot the scores against the axes of the sweep into comparison/leaderboard.html, once all shards are
     /// done
     #[arg(long, requires = "evaluate")]
     plot: bool,
+    #[command(flatten)]
+    tracker: TrackerOptions,
+}
+
+/// Warnings of many cases: the first of those that differ in numbers only, with their count.
+#[derive(Default)]
+struct Warnings(Vec<(String, String, usize)>);
+
+impl Warnings {
+    fn add(&mut self, texts: impl IntoIterator<Item = impl ToString>) {
+        for text in texts {
+            let text = text.to_string();
+            let form = text.replace(|c: char| c.is_ascii_digit() || c == '.', "");
+            match self.0.iter_mut().find(|known| known.0 == form) {
+                Some((_, _, count)) => *count += 1,
+                None => self.0.push((form, text, 1)),
+            }
+        }
+    }
+
+    fn print(&self, common: &Common) {
+        let text = |(_, first, count): &(String, String, usize)| match count {
+            1 => first.clone(),
+            count => format!("{first} (in {count} cases, here the first)"),
+        };
+        warn(self.0.iter().map(text), common);
+    }
 }
 
 /// A result of a tracker on a case, and its scores.
@@ -47,8 +78,12 @@ impl SweepScores {
     /// Checks, before cases are generated, that results can be written below the sweep's folder.
     ///
     /// # Errors
-    /// A folder in a dataset.
+    /// A folder in a dataset; options of trackers without a tracker.
     pub(super) fn check(&self, out: &Path) -> Result<()> {
+        if self.track.is_empty() && self.tracker.are_given() {
+            let why = "options of trackers (--max-displacement, ...): expected with --track METHOD";
+            return Err(Error::input(why));
+        }
         let has_results = self.evaluate || !self.track.is_empty();
         if has_results { storage::outside_datasets(&out.join("results")) } else { Ok(()) }
     }
@@ -66,20 +101,29 @@ impl SweepScores {
         seed: u64,
         common: &Common,
     ) -> Result<()> {
+        let mut warnings = Warnings::default();
+        let done = self.all(cases, swept, options, seed, (&mut warnings, common));
+        warnings.print(common);
+        done
+    }
+
+    fn all(
+        &self,
+        cases: &[&Case],
+        swept: &Swept,
+        options: &SweepOptions,
+        seed: u64,
+        (warnings, common): (&mut Warnings, &Common),
+    ) -> Result<()> {
         let (resume, replace) = (options.resume, options.force || options.resume);
         let mut entries: Vec<Entry> =
             self.track.iter().flat_map(|method| entries_of(method, &swept.out, cases)).collect();
         let is_new = |made: &Path, of: &Path| resume && !is_older(made, of);
         for entry in entries.iter().filter(|entry| !is_new(&entry.result, &entry.dataset.join(SHA256SUMS))) {
-            let options = TrackOptions {
-                seed,
-                force: replace,
-                context: common.context.clone(),
-                ..TrackOptions::of(&entry.tracker, progress(common))
-            };
+            let options = TrackOptions { seed, force: replace, ..self.tracker.of(&entry.tracker, common)? };
             create_parent(&entry.result)?;
             let tracked = track(&entry.dataset, &entry.result, &options)?;
-            warn(&tracked.warnings, common);
+            warnings.add(tracked.warnings);
             say(&format!("{} rows in {}", tracked.rows, tracked.out.display()), common);
         }
         if !self.evaluate {
@@ -96,12 +140,9 @@ impl SweepScores {
             let given: Vec<Entry> = of_all.into_iter().filter(|entry| entry.result.is_file()).collect();
             if given.len() < all {
                 let missing = all - given.len();
-                warn(
-                    &[format!(
-                        "results/{name}: {missing} of {all} cases have no CASE.csv and are not scored"
-                    )],
-                    common,
-                );
+                warnings.add([format!(
+                    "results/{name}: {missing} of {all} cases have no CASE.csv and are not scored"
+                )]);
             }
             entries.extend(given);
         }
@@ -114,17 +155,23 @@ impl SweepScores {
         }
         for entry in entries.iter().filter(|entry| !is_new(&entry.scores.join(report::SCORE), &entry.result))
         {
-            let evaluation = evaluate_files(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
-            warn(evaluation.score.caveats(), common);
+            let options = EvaluateOptions {
+                crlb: self.crlb,
+                context: common.context.clone(),
+                ..EvaluateOptions::default()
+            };
+            let evaluation = evaluate_files(&entry.dataset, &entry.result, &options)?;
+            warnings.add(evaluation.score.caveats());
             create_parent(&entry.scores)?;
             let written = report::write(&entry.scores, &evaluation, false, replace)?;
-            warn(&written.warning, common);
+            warnings.add(written.warning);
         }
         if self.plot {
+            let px_per_um_s = px_per_um_s(&entries)?;
             let scores: Vec<InputFile> = entries.into_iter().map(|entry| entry.scores.into()).collect();
             let out = swept.out.join("comparison");
             // The comparison depends on the scores only, so an existing one may be replaced.
-            report::compare(&scores, &out, replace)?;
+            report::compare_sweep(&scores, &out, replace, px_per_um_s)?;
             say(&format!("scores over the sweep in {}", out.join("leaderboard.html").display()), common);
         }
         Ok(())
@@ -158,6 +205,16 @@ fn entries_of(tracker: &str, out: &Path, cases: &[&Case]) -> Vec<Entry> {
     cases.iter().copied().map(of).filter(|entry| entry.dataset.is_dir()).collect()
 }
 
+/// The displacement (px) of 1 um/s, if it is the same in all cases.
+fn px_per_um_s(entries: &[Entry]) -> Result<Option<f64>> {
+    let of = |entry: &Entry| {
+        let facts = RecordingFacts::read(&entry.dataset)?;
+        Ok(facts.dt_s.zip(facts.um_per_px).map(|(dt_s, um_per_px)| dt_s / um_per_px))
+    };
+    let all: Vec<Option<f64>> = entries.iter().map(of).collect::<Result<_>>()?;
+    Ok(all.first().copied().flatten().filter(|first| all.iter().all(|of| *of == Some(*first))))
+}
+
 /// Whether a file is missing or was written before another one.
 fn is_older(file: &Path, than: &Path) -> bool {
     let written = |path: &Path| path.metadata().and_then(|metadata| metadata.modified()).ok();
@@ -167,4 +224,17 @@ fn is_older(file: &Path, than: &Path) -> bool {
 fn create_parent(path: &Path) -> Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(Error::write(folder))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_warning_of_many_cases_is_one() {
+        let mut warnings = Warnings::default();
+        warnings.add(["moves by 1.5 px", "other", "moves by 12.25 px"]);
+        let counted: Vec<(&str, usize)> = warnings.0.iter().map(|w| (w.1.as_str(), w.2)).collect();
+        assert_eq!(counted, [("moves by 1.5 px", 2), ("other", 1)]);
+    }
 }

@@ -27,6 +27,19 @@ pub(super) struct Track {
     /// Output file (CSV), `-` for standard output [default: DATASET-METHOD.csv, beside the dataset]
     #[arg(long, short, value_name = "RESULT", value_parser = output())]
     out: Option<OutputFile>,
+    #[command(flatten)]
+    tracker: TrackerOptions,
+    #[command(flatten)]
+    drawing: Drawing,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    pub(super) tables: ImageTables,
+}
+
+/// Options of the methods.
+#[derive(Debug, Args)]
+pub(super) struct TrackerOptions {
     /// Largest displacement from frame to frame
     #[arg(long, value_name = "PX", default_value_t = TrackOptions::MAX_DISPLACEMENT_PX)]
     max_displacement: f64,
@@ -49,12 +62,45 @@ pub(super) struct Track {
     /// Standard deviation of the noise in z (truth-noise)
     #[arg(long, value_name = "UM", default_value_t = TrackOptions::NOISE_UM)]
     noise_z: f64,
-    #[command(flatten)]
-    drawing: Drawing,
-    #[command(flatten)]
-    replace: Replace,
-    #[command(flatten)]
-    pub(super) tables: ImageTables,
+}
+
+impl TrackerOptions {
+    /// Whether an option differs from its default.
+    pub(super) fn are_given(&self) -> bool {
+        self.max_displacement != TrackOptions::MAX_DISPLACEMENT_PX
+            || self.diameter != TrackOptions::DIAMETER_PX
+            || self.noise_xy != TrackOptions::NOISE_PX
+            || self.noise_z != TrackOptions::NOISE_UM
+            || self.ensemble
+            || self.shape != ShapeChoice::Sphere
+            || self.aspect_ratio.is_some()
+    }
+
+    /// The options of a method.
+    ///
+    /// # Errors
+    /// An aspect ratio of spheres.
+    pub(super) fn of(&self, method: &str, common: &Common) -> Result<TrackOptions> {
+        if self.aspect_ratio.is_some() && self.shape != ShapeChoice::Spheroid {
+            let (ratio, shape) = (option("aspect_ratio"), option("shape").is("spheroid"));
+            return Err(Error::option(advice!(ratio, ": expected with ", shape)));
+        }
+        Ok(TrackOptions {
+            max_displacement_px: self.max_displacement,
+            diameter_px: self.diameter,
+            noise_xy_px: self.noise_xy,
+            noise_z_um: self.noise_z,
+            ensemble: self.ensemble,
+            shape: match self.shape {
+                ShapeChoice::Sphere => ParticleShape::Sphere,
+                ShapeChoice::Spheroid => {
+                    ParticleShape::Spheroid { aspect: self.aspect_ratio.unwrap_or(AspectRatio::Common) }
+                }
+            },
+            context: common.context.clone(),
+            ..TrackOptions::of(method, progress(common))
+        })
+    }
 }
 
 /// The shapes.
@@ -71,10 +117,7 @@ pub(super) fn methods() -> PossibleValuesParser {
 
 impl Track {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        if self.aspect_ratio.is_some() && self.shape != ShapeChoice::Spheroid {
-            let (ratio, shape) = (option("aspect_ratio"), option("shape").is("spheroid"));
-            return Err(Error::option(advice!(ratio, ": expected with ", shape)));
-        }
+        let options = self.tracker.of(&self.method, common)?;
         let out =
             self.out.clone().map_or_else(|| beside(&self.dataset, &self.method).map(OutputFile::from), Ok)?;
         // Checked first, because tracking may take a long time.
@@ -82,24 +125,7 @@ impl Track {
         let tracked = track(
             &self.dataset,
             out.clone(),
-            &TrackOptions {
-                method: self.method.clone(),
-                max_displacement_px: self.max_displacement,
-                diameter_px: self.diameter,
-                noise_xy_px: self.noise_xy,
-                noise_z_um: self.noise_z,
-                ensemble: self.ensemble,
-                shape: match self.shape {
-                    ShapeChoice::Sphere => ParticleShape::Sphere,
-                    ShapeChoice::Spheroid => {
-                        ParticleShape::Spheroid { aspect: self.aspect_ratio.unwrap_or(AspectRatio::Common) }
-                    }
-                },
-                seed: self.drawing.seed,
-                force: self.replace.force,
-                progress: progress(common),
-                context: common.context.clone(),
-            },
+            &TrackOptions { seed: self.drawing.seed, force: self.replace.force, ..options },
         )?;
         warn(&tracked.warnings, common);
         let each =

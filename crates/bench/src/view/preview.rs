@@ -23,6 +23,7 @@ use super::state::{App, locked};
 use super::{editor, optics};
 use generator::dataset::Camera;
 use generator::dataset::truth::{depth, rendered};
+use generator::preview::infeasible;
 use generator::runner::{Cost, Frames};
 use scenario::Scenario;
 
@@ -125,9 +126,11 @@ impl PreviewRun {
         let curves = optics::curves(&scan, &rows, &image);
         let (strip, block) = optics::strip(&scan, &rows);
         self.send(json!({ "part": "depth", "curves": curves, "strip": strip }), &block)?;
-        let numbers = numbers(&scenario, &frames, image.area_px);
+        let (numbers, [n_ppp, n_s]) = numbers(&scenario, &frames, image.area_px);
+        let dark = [image.background_counts, image.background_noise_counts];
+        let warnings = infeasible(&scenario, [n_ppp, n_s], image.snr, dark);
         self.send(
-            json!({ "part": "numbers", "numbers": numbers, "a_pi_px": image.area_px, "snr": image.snr,
+            json!({ "part": "numbers", "numbers": numbers, "warnings": warnings, "a_pi_px": image.area_px, "snr": image.snr,
             "focus_um": image.focus_um, "background_counts": image.background_counts,
             "background_noise_counts": image.background_noise_counts,
             // A rough estimate: it omits visibility, which takes about as long as rendering.
@@ -199,8 +202,8 @@ fn particles(scenario: &Scenario, frame: &Frame) -> Value {
     })
 }
 
-/// Number of visible particles, densities and displacements in the rendered frames.
-fn numbers(scenario: &Scenario, frames: &[Frame], area_px: f64) -> Value {
+/// Number of visible particles, densities and displacements in the rendered frames; particles per pixel and N_S.
+fn numbers(scenario: &Scenario, frames: &[Frame], area_px: f64) -> (Value, [f64; 2]) {
     let visible = |tracer: &flows::Tracer| {
         let at = scenario.scale.to_image(tracer.position);
         scenario.settings.is_on_sensor(at.x_px, at.y_px)
@@ -225,8 +228,10 @@ fn numbers(scenario: &Scenario, frames: &[Frame], area_px: f64) -> Value {
     let depth = moved.iter().map(|d| d[1]).fold(None, |all: Option<(f64, f64)>, dz| {
         Some(all.map_or((dz, dz), |(low, high)| (low.min(dz), high.max(dz))))
     });
-    json!({ "n_p": n_p, "n_ppp": n_p / pixels, "n_s": n_p * area_px / pixels,
-        "displacement_px": [at(0.0), at(0.5), at(1.0)], "displacement_um": depth.map(|(low, high)| [low, high]) })
+    let density = [n_p / pixels, n_p * area_px / pixels];
+    let value = json!({ "n_p": n_p, "n_ppp": density[0], "n_s": density[1],
+        "displacement_px": [at(0.0), at(0.5), at(1.0)], "displacement_um": depth.map(|(low, high)| [low, high]) });
+    (value, density)
 }
 
 #[cfg(test)]

@@ -19,11 +19,3 @@ pub(super) fn warning(CylinderFacts { growth, stretch, .. }: CylinderFacts, lens
         )
     })
 }
-
-/// Focal planes, growth and positions.
-pub(super) fn phrase(CylinderFacts { focus_um, growth, stretch }: CylinderFacts) -> String {
-    format!(
-        "cylindrical lens: paraxial focus at {focus_um:.2} um along the direction in which it has power, at 0 across it; images grow \
-        {growth:.3} times as fast along it as across it, positions are magnified {stretch:.3} times as much"
-    )
-}

@@ -3,7 +3,6 @@
 
 mod cylinder;
 mod depth_of_field;
-mod picture;
 mod text;
 mod ticks;
 
@@ -14,11 +13,11 @@ use serde::Serialize;
 
 pub use depth_of_field::depth_of_field_um;
 use depth_of_field::span;
+use microsig_core::sensor::ImageFormat;
 use microsig_core::visibility::{DepthScan, ScanImage};
-pub use picture::svg;
 use scenario::{CylinderFacts, MotionSource, Scenario, spec::Diameter};
 use storage::error::Result;
-pub use text::{lines, text};
+pub use text::lines;
 pub use ticks::tick_label;
 
 /// Depths whose weight in a correlation is below this fraction of the maximum do not contribute (Olsen and
@@ -35,6 +34,9 @@ const GREEN_UM: f64 = 0.55;
 const WAVES_OF_APLANAT: &str = "render: (mode: waves, wavelength_um: ...) with optics: (lens: aplanatic)";
 /// Minimum fraction of the accepted light that should land near the particle's position.
 const LEAST_NEAR: f64 = 0.5;
+
+/// Fraction of dark pixels whose noise may be clipped.
+const MOST_CLIPPED: f64 = 0.01;
 
 /// Signal-to-noise ratio of a pixel that a size should exceed at some depth.
 const LEAST_SNR: f64 = 2.0;
@@ -69,10 +71,13 @@ pub struct Preview {
     pub depth_of_correlation_um: f64,
     /// Whether that range ends at an end of the depth range, beyond which it may continue.
     #[serde(skip)]
-    is_correlation_cut: bool,
+    pub is_correlation_cut: bool,
     /// Mean number of particles in view.
     pub particles_in_view: f64,
-    /// Source density of these particles, in the area that walls and bodies leave free.
+    /// The same per pixel.
+    pub particles_per_px: f64,
+    /// Source density N_S of these particles, in the area that walls and bodies leave free. The area of an image is the number of
+    /// its pixels above a tenth of its peak, averaged over depth.
     pub source_density: f64,
     /// Background, counts.
     pub background_counts: f64,
@@ -86,10 +91,10 @@ pub struct Preview {
     pub warnings: Vec<String>,
     /// Index of the size that is the mean or nearest to it.
     #[serde(skip)]
-    middle: usize,
+    pub middle: usize,
     /// The images of each size.
     #[serde(skip)]
-    scans: Vec<DepthScan>,
+    pub scans: Vec<DepthScan>,
 }
 
 /// Images of one size over depth.
@@ -101,7 +106,7 @@ pub struct SizeCurves {
     pub focus_um: Option<f64>,
     /// The image there.
     #[serde(skip)]
-    focus: Option<DepthFacts>,
+    pub focus: Option<DepthFacts>,
     /// Depths of minimum width along x and along y (root mean square of all light), um: the two focal planes
     /// of a cylindrical lens.
     pub focal_planes_um: [f64; 2],
@@ -196,6 +201,7 @@ impl Preview {
             depth_of_correlation_um,
             is_correlation_cut,
             particles_in_view: in_view,
+            particles_per_px: in_view / pixels,
             source_density: in_view * mean_area_px(scenario, &sizes_um, &scans, middle)
                 / (pixels * scenario.image_share()),
             background_counts: response.background,
@@ -271,6 +277,11 @@ impl Preview {
             }
         }
         warnings.extend(self.cylinder.and_then(|facts| cylinder::warning(facts, lens)));
+        warnings.extend(dataset::hopeless(
+            self.particles_per_px,
+            self.source_density,
+            self.mean().median_snr(),
+        ));
         let (low, high) = self.depth_range_um;
         if mean.focus_um.is_some_and(|focus| focus <= low || focus >= high) {
             warnings.push(format!(
@@ -281,7 +292,41 @@ impl Preview {
     }
 }
 
+/// Warnings that hardly any particle can be found, or that the noise is clipped: of the particles per pixel and N_S, the
+/// median SNR, and mean and standard deviation of the background (counts).
+pub fn infeasible(
+    scenario: &Scenario,
+    [n_ppp, n_s]: [f64; 2],
+    snr: Option<f64>,
+    [background, noise]: [f64; 2],
+) -> Vec<String> {
+    let mut warnings = dataset::hopeless(n_ppp, n_s, snr);
+    // Counts below -0.5 become 0.
+    let clipped = 0.5 * libm::erfc((background + 0.5) / (std::f64::consts::SQRT_2 * noise));
+    if scenario.spec.image_format() == ImageFormat::Integer && noise > 0.0 && clipped > MOST_CLIPPED {
+        let key = if scenario.detector.is_some() {
+            "sensor: (offset_counts: ...)"
+        } else {
+            "optics: (background_mean: ...)"
+        };
+        warnings.push(format!(
+            "the noise of {:.1} % of the dark pixels is clipped at 0 counts, which biases the background: it has {background:.1} counts with \
+             a noise of {noise:.1}; {:.0} counts more, by {key}, avoid that",
+            100.0 * clipped,
+            (3.0 * noise - background).ceil()
+        ));
+    }
+    warnings
+}
+
 impl SizeCurves {
+    /// Median over depth of the peak divided by the noise of the background; `None` without noise.
+    pub fn median_snr(&self) -> Option<f64> {
+        let mut all: Vec<f64> = self.depths.iter().filter_map(|depth| depth.snr).collect();
+        all.sort_unstable_by(f64::total_cmp);
+        all.get(all.len() / 2).copied()
+    }
+
     /// Minimum and maximum over depth, best focus included, if there are values.
     pub fn range(&self, of: impl Fn(&DepthFacts) -> Option<f64>) -> Option<[f64; 2]> {
         self.depths.iter().chain(&self.focus).filter_map(of).fold(None, |range: Option<[f64; 2]>, value| {
@@ -512,6 +557,32 @@ mod tests {
         assert!((mixed.source_density / expected - 1.0).abs() < 0.02, "{} {expected}", mixed.source_density);
         assert!(dim(&mixed, "0.800 um particles have a peak of at most"), "{:?}", mixed.warnings);
         assert!(!dim(&large, "particles have a peak of at most"), "{:?}", large.warnings);
+    }
+
+    #[test]
+    fn hopeless_densities_and_clipped_noise_are_named() {
+        let of = |optics: &str, number: &str| preview(optics, &format!("particles: (number: {number})"));
+        let said = |shown: &Preview, text: &str| shown.warnings.iter().any(|warning| warning.contains(text));
+        let crowded = of("", "ppp(0.02)");
+        let usual = dataset::usual_ppp(crowded.particles_per_px, crowded.source_density).unwrap();
+        assert!((crowded.particles_per_px / 0.02 - 1.0).abs() < 0.01 && crowded.source_density > 1.0);
+        assert!(
+            said(&crowded, "images overlap almost everywhere")
+                && said(&crowded, "particles per pixel give N_S = 0.3")
+        );
+        let advised = of("", &format!("ppp({usual})"));
+        assert!(
+            (advised.source_density / 0.3 - 1.0).abs() < 0.01 && !said(&advised, "overlap"),
+            "{:?}",
+            advised.warnings
+        );
+        let clipped = of("background_mean: 3, background_noise: 2", "count(7)");
+        assert!(said(&clipped, "4.0 % of the dark pixels is clipped"), "{:?}", clipped.warnings);
+        assert!(!said(&of("background_mean: 6, background_noise: 2", "count(7)"), "clipped"));
+        assert!(said(
+            &of("background_mean: 9000, background_noise: 3000", "count(7)"),
+            "images vanish in the noise"
+        ));
     }
 
     /// With MicroSIG's lens, a halo shifts the minimum widths of all light.

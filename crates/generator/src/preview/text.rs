@@ -1,9 +1,6 @@
 //! A preview as text.
 
-use super::{DepthFacts, Preview, SizeCurves, cylinder};
-
-/// Depths of a table.
-const ROWS: usize = 11;
+use super::{DepthFacts, Preview, SizeCurves};
 
 /// The two most important lines: focus and growth of images, and light.
 pub fn lines(preview: &Preview) -> [String; 2] {
@@ -90,67 +87,4 @@ fn others(preview: &Preview) -> String {
 /// The image in best focus.
 fn best(size: &SizeCurves) -> DepthFacts {
     size.focus.unwrap_or(size.depths[0])
-}
-
-/// The complete text.
-pub fn text(preview: &Preview) -> String {
-    let [focus, light] = lines(preview);
-    let mut text = format!("{}: {}\n{focus}\n{light}\n", preview.name, preview.optics);
-    let of_path = preview.path_difference_waves.map_or_else(String::new, |waves| {
-        format!(
-            ", path differences over the pupil {waves:.2} waves in best focus{}",
-            if preview.cylinder.is_some() { " without the cylindrical lens" } else { "" }
-        )
-    });
-    text += &format!(
-        "{:.4} um per px; Airy radius {:.2} px{}{of_path}\n",
-        preview.um_per_px,
-        preview.airy_radius_px,
-        if preview.is_diffracted {
-            String::new()
-        } else {
-            format!(" ({} um; not drawn)", preview.wavelength_um)
-        }
-    );
-    if preview.cyl_focal_length_um != 0.0 {
-        text += &format!("cylindrical lens: cyl_focal_length = {:.1} um\n", preview.cyl_focal_length_um);
-    }
-    if let Some(facts) = preview.cylinder {
-        text += &(cylinder::phrase(facts) + "\n");
-    }
-    text += &format!(
-        "depth of correlation {}{:.1} um; {:.1} particles in view; background {:.1} counts with a noise of {:.2}\n",
-        if preview.is_correlation_cut { "at least " } else { "" },
-        preview.depth_of_correlation_um,
-        preview.particles_in_view,
-        preview.background_counts,
-        preview.background_noise_counts
-    );
-    for size in &preview.sizes {
-        let [below, above] = size.ring_slopes_px_um;
-        text += &format!(
-            "\n{} um: diameters change by {below:.2} px/um at the lower end of the range, by {above:.2} px/um at the upper\n\
-             {:>9} {:>9} {:>8} {:>8} {:>10} {:>10} {:>7}\n",
-            size.d_um, "z, um", "peak", "SNR", "with shot", "width, px", "height, px", "share"
-        );
-        let last = size.depths.len() - 1;
-        let shown = ROWS.min(last + 1);
-        for row in 0..shown {
-            let depth = &size.depths[row * last / (shown - 1).max(1)];
-            let number = |value: Option<f64>, digits: usize| {
-                value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-            };
-            text += &format!(
-                "{:>9.2} {:>9.1} {:>8} {:>8} {:>10.1} {:>10.1} {:>7}\n",
-                depth.z_um,
-                depth.peak_counts,
-                number(depth.snr, 1),
-                number(depth.snr_with_shot_noise, 1),
-                depth.width_px,
-                depth.height_px,
-                number(depth.share, 3)
-            );
-        }
-    }
-    text.trim_end().to_owned()
 }

@@ -2,6 +2,7 @@
 
 use crate::dataset::truth::Census;
 use crate::dataset::truth::depth::ParticleImage;
+use crate::preview::infeasible;
 use scenario::Scenario;
 use storage::error::Result;
 
@@ -65,6 +66,10 @@ pub(super) fn warnings(
     } else if census.light <= 0.0 || scenario.response()?.slope == 0.0 {
         warnings.push("the particles emit no light".to_owned());
     }
+    let ppp = n_p / (width * height);
+    let density = [ppp, ppp * image.area_px / scenario.image_share()];
+    let dark = [image.background_counts, image.background_noise_counts];
+    warnings.extend(infeasible(scenario, density, image.snr, dark));
     let (low, high) = scenario.depth_range_um;
     if let Some(focus) = image.focus_um.filter(|focus| (*focus <= low || *focus >= high) && low < high) {
         warnings.push(format!(

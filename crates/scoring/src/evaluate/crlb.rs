@@ -15,7 +15,7 @@
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::linear::Symmetric;
 use microsig_core::render::{
-    Context, ExpectedPatch, RenderMethod, Renderer, RendererSpec, ShapeGradient, Window,
+    Context, ExpectedPatch, Gradient, RenderMethod, Renderer, RendererSpec, ShapeGradient, Window,
 };
 use microsig_core::sensor::{PixelMaps, Response};
 use microsig_core::{Particle, Settings, Spheroid};
@@ -24,6 +24,7 @@ use rayon::prelude::*;
 use super::curves::{Bin, Curve};
 use super::detection::Detection;
 use super::statistics::quantile;
+use dataset::manifest::ScoringGates;
 use scenario::{Scenario, spec};
 use storage::error::Result;
 
@@ -96,26 +97,199 @@ pub fn of_scenario(
     };
     let noise = Noise::of(scenario, c_int)?;
     let curve = curves.iter().find(|c| c.against == "z_um");
-    if let Some(spot) = scenario.spec.optics.gaussian {
-        let bound = of_spot(spot, &noise, d_um);
-        let all =
-            curve.map_or_else(|| vec![whole(detection, scenario.depth_range_um)], |curve| curve.bins.clone());
-        let bound = bound.map_or([None; 3], |[x, y]| [Some(x), Some(y), None]);
-        return Ok(Ok(Crlb {
-            d_um,
-            bins: all.iter().map(|bin| bin_of(bin, bound)).collect(),
-            ..Crlb::default()
-        }));
+    let spot = scenario.spec.optics.gaussian;
+    let all = match (curve, spot) {
+        (Some(curve), _) => curve.bins.clone(),
+        (None, Some(_)) => vec![whole(detection, scenario.depth_range_um)],
+        (None, None) => return Ok(Err("truth and result must both have a depth")),
+    };
+    let depths_um: Vec<f64> = all.iter().map(|bin| f64::midpoint(bin.from, bin.to)).collect();
+    let images = Images::of(scenario, d_um, &depths_um)?;
+    let bounds = (0..all.len()).into_par_iter().map(|k| images.bound(k, &noise));
+    let bounds: Vec<[Option<f64>; 3]> = bounds.collect();
+    let bins = all.iter().zip(bounds).map(|(bin, bound)| bin_of(bin, bound)).collect();
+    Ok(Ok(Crlb { d_um, bins, ..Crlb::default() }))
+}
+
+/// Images of a particle at several depths.
+enum Images {
+    /// Gaussian particle images, of a diameter (um).
+    Spots(spec::Gaussian, f64),
+    /// The other ones, with a depth in um per unit of their derivative.
+    Drawn { images: Vec<Option<Gradient>>, depth_factor: f64 },
+}
+
+impl Images {
+    fn of(scenario: &Scenario, d_um: f64, depths_um: &[f64]) -> Result<Self> {
+        if let Some(spot) = scenario.spec.optics.gaussian {
+            return Ok(Images::Spots(spot, d_um));
+        }
+        let depth_factor = scenario.depth_factor();
+        let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings, &scenario.context)?;
+        let images = depths_um.par_iter().map(|z_um| image(&renderer, d_um, z_um / depth_factor));
+        Ok(Images::Drawn { images: images.collect::<Result<_>>()?, depth_factor })
     }
-    let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
-    let depth_factor = scenario.depth_factor();
-    let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings, &scenario.context)?;
-    let bins = curve.bins.par_iter().map(|bin| {
-        let bound = bound(&renderer, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
-        let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
-        Ok(bin_of(bin, bound))
-    });
-    Ok(Ok(Crlb { d_um, bins: bins.collect::<Result<_>>()?, ..Crlb::default() }))
+
+    /// The bound x px, y px, z um of the `k`-th image.
+    fn bound(&self, k: usize, noise: &[Noise]) -> [Option<f64>; 3] {
+        match self {
+            Images::Spots(spot, d_um) => {
+                of_spot(*spot, noise, *d_um).map_or([None; 3], |[x, y]| [Some(x), Some(y), None])
+            }
+            Images::Drawn { images, depth_factor } => {
+                let bound = images[k].as_ref().and_then(|image| bound(image, noise));
+                bound.map_or([None; 3], |[x, y, z]| [Some(x), Some(y), Some(z * depth_factor)])
+            }
+        }
+    }
+}
+
+/// What the image of an isolated particle can tell at each of several depths.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct DepthBounds {
+    /// Diameter of the particle, um.
+    pub d_um: f64,
+    /// Least standard deviations at each depth.
+    pub depths: Vec<DepthBound>,
+    /// The smallest of them.
+    pub best: PositionBound,
+    /// Their mean over the depths at which they exist.
+    pub mean: PositionBound,
+    /// Ranges of depth (um) in which z is determined: images at all depths that are farther away than the gate of `evaluate`
+    /// in depth, a tenth of the depth range, can be told apart from the one there with 95 % probability. Where they
+    /// cannot, a particle may be found on the wrong side of focus.
+    pub determined_um: Vec<[f64; 2]>,
+    /// The fraction of the depths at which z is determined.
+    pub determined_share: f64,
+}
+
+/// Least standard deviations of a position; `None` if the image does not determine it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct PositionBound {
+    /// x, px.
+    pub crlb_x_px: Option<f64>,
+    /// y, px.
+    pub crlb_y_px: Option<f64>,
+    /// z, um.
+    pub crlb_z_um: Option<f64>,
+}
+
+/// The bound at a depth.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct DepthBound {
+    /// Depth, um.
+    pub z_um: f64,
+    /// Least standard deviations.
+    #[serde(flatten)]
+    pub bound: PositionBound,
+    /// Whether z is determined.
+    pub is_determined: bool,
+}
+
+/// Standard deviations between two images that are told apart with 95 % probability: twice the 95 % quantile of the
+/// normal distribution.
+const TOLD_APART: f64 = 3.29;
+
+/// Fraction of the brightness below which a particle at another depth is not taken for the one here.
+const DARK: f64 = 0.01;
+
+/// Number of pixels of all images that are compared with each other.
+const COMPARED_PX: usize = 10_000_000;
+
+impl DepthBounds {
+    /// The bounds of a particle of diameter `d_um` (um), with the brightness and illumination typical of the scenario, at
+    /// depths in ascending order (um).
+    ///
+    /// # Errors
+    /// Settings that cannot be rendered.
+    pub fn of(scenario: &Scenario, d_um: f64, depths_um: &[f64]) -> Result<Self> {
+        let mut noise: Vec<(f64, Vec<Noise>)> = Vec::new();
+        for z_um in depths_um {
+            let c_int = scenario.brightness(d_um, *z_um);
+            noise.push(match noise.last() {
+                Some(last) if last.0 == c_int => last.clone(),
+                _ => (c_int, Noise::of(scenario, c_int)?),
+            });
+        }
+        let images = Images::of(scenario, d_um, depths_um)?;
+        let is_determined = images.determined(depths_um, &noise);
+        let depths = depths_um.par_iter().enumerate().map(|(k, z_um)| {
+            let [crlb_x_px, crlb_y_px, crlb_z_um] = images.bound(k, &noise[k].1);
+            let bound = PositionBound { crlb_x_px, crlb_y_px, crlb_z_um };
+            DepthBound { z_um: *z_um, bound, is_determined: is_determined[k] }
+        });
+        let depths: Vec<DepthBound> = depths.collect();
+        let over = |of: fn(Vec<f64>) -> Option<f64>| {
+            let values = |value: fn(&PositionBound) -> Option<f64>| {
+                of(depths.iter().filter_map(|depth| value(&depth.bound)).collect())
+            };
+            PositionBound {
+                crlb_x_px: values(|bound| bound.crlb_x_px),
+                crlb_y_px: values(|bound| bound.crlb_y_px),
+                crlb_z_um: values(|bound| bound.crlb_z_um),
+            }
+        };
+        let runs =
+            depths.chunk_by(|a, b| a.is_determined == b.is_determined).filter(|run| run[0].is_determined);
+        Ok(DepthBounds {
+            d_um,
+            best: over(|all| all.into_iter().reduce(f64::min)),
+            mean: over(|all| {
+                Some(all.iter().sum::<f64>() / all.len() as f64).filter(|mean| mean.is_finite())
+            }),
+            determined_um: runs.map(|run| [run[0].z_um, run[run.len() - 1].z_um]).collect(),
+            determined_share: is_determined.iter().filter(|is| **is).count() as f64
+                / depths.len().max(1) as f64,
+            depths,
+        })
+    }
+}
+
+impl Images {
+    /// Whether z is determined at each depth, see [`DepthBounds::determined_um`].
+    fn determined(&self, depths_um: &[f64], noise: &[(f64, Vec<Noise>)]) -> Vec<bool> {
+        let (Images::Drawn { images, depth_factor }, [low, .., high]) = (self, depths_um) else {
+            return vec![false; depths_um.len()];
+        };
+        if low >= high {
+            return vec![false; depths_um.len()];
+        }
+        let gate_um = ScoringGates::over(high - low).z_um;
+        let all_px: usize = images.iter().flatten().map(|image| image.pixels.len()).sum();
+        // Of very large images, some.
+        let compared: Vec<usize> = (0..images.len()).step_by(all_px.div_ceil(COMPARED_PX).max(1)).collect();
+        let slack_um = 0.5 * (high - low) / compared.len() as f64 / depth_factor;
+        let is_alike = |i: usize, j: usize| {
+            let Some((a, b)) = images[i].as_ref().zip(images[j].as_ref()) else { return false };
+            let (wide, other) = if a.pixels.len() >= b.pixels.len() { (a, b) } else { (b, a) };
+            noise[j].0 > DARK * noise[i].0 && apart(wide, other, &noise[i].1, slack_um) < TOLD_APART
+        };
+        let is_far = |i: usize, j: usize| (depths_um[i] - depths_um[j]).abs() > gate_um;
+        (0..images.len())
+            .into_par_iter()
+            .map(|i| {
+                noise[i].0 > 0.0
+                    && images[i].is_some()
+                    && !compared.iter().any(|j| is_far(i, *j) && is_alike(i, *j))
+            })
+            .collect()
+    }
+}
+
+/// By how many standard deviations two images differ, whatever the brightness and (to first order) the position of the
+/// first one, and its depth within about `slack_um`. The window of the first one contains both.
+fn apart(base: &Gradient, other: &Gradient, noise: &[Noise], slack_um: f64) -> f64 {
+    let mut information = [[0.0; 5]; 5];
+    information[3][3] = 1.0 / (slack_um * slack_um);
+    let (own, window) = (base.window, other.window);
+    let (right, down) = (own.x0 - window.x0, own.y0 - window.y0);
+    for (k, [light, x, y, z]) in base.pixels.iter().enumerate() {
+        let at = [(k % own.width) as i64 + right, (k / own.width) as i64 + down];
+        let is_in = (0..window.width as i64).contains(&at[0]) && (0..window.height as i64).contains(&at[1]);
+        let there = if is_in { other.pixels[at[1] as usize * window.width + at[0] as usize][0] } else { 0.0 };
+        add(&mut information, &[*light, *x, *y, *z, there - light], weight(noise, *light));
+    }
+    bounds(&information).map_or(0.0, |bound| 1.0 / bound[4])
 }
 
 impl Crlb {
@@ -325,16 +499,10 @@ fn of_spot(spot: spec::Gaussian, noise: &[Noise], d_um: f64) -> Option<[f64; 2]>
 /// The bound for a sphere at depth `z_um` (as in MicroSIG's data files), centered on a sufficiently large
 /// sensor: sigma of x, y (px), z (um). `None` if the Fisher information is singular.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
-    bound(
-        &renderer_of(
-            RenderMethod::Rays { spheroids: SpheroidLaw::Original }.into(),
-            settings,
-            &Context::default(),
-        )?,
-        &[Noise::of_rays(settings)],
-        d_um,
-        z_um,
-    )
+    let rays = RenderMethod::Rays { spheroids: SpheroidLaw::Original }.into();
+    let renderer = renderer_of(rays, settings, &Context::default())?;
+    let image = image(&renderer, d_um, z_um)?;
+    Ok(image.and_then(|image| bound(&image, &[Noise::of_rays(settings)])))
 }
 
 /// Camera response: a pixel with `n` rays has `slope n` counts above the background, with variance
@@ -420,16 +588,20 @@ fn large(settings: &Settings) -> Settings {
     Settings { pixel_dim_x: SIZE, pixel_dim_y: SIZE, ..settings.clone() }
 }
 
-fn bound(renderer: &Renderer, noise: &[Noise], d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+/// The noise-free image of a sphere in the middle of a sufficiently large sensor, with its derivatives.
+fn image(renderer: &Renderer, d_um: f64, z_um: f64) -> Result<Option<Gradient>> {
     let middle = f64::from(SIZE / 2 + 1);
     let particle = Particle::sphere(middle, middle, z_um, d_um);
     renderer.check(&particle)?;
-    let Some(image) = renderer.gradient(&particle, None) else { return Ok(None) };
+    Ok(renderer.gradient(&particle, None))
+}
+
+fn bound(image: &Gradient, noise: &[Noise]) -> Option<[f64; 3]> {
     let mut information = [[0.0; 4]; 4];
-    for [counts, by_x, by_y, by_z] in image.pixels {
-        add(&mut information, &[by_x, by_y, by_z, counts], weight(noise, counts));
+    for [counts, by_x, by_y, by_z] in &image.pixels {
+        add(&mut information, &[*by_x, *by_y, *by_z, *counts], weight(noise, *counts));
     }
-    Ok(bounds(&information).map(|b| [b[0], b[1], b[2]]))
+    bounds(&information).map(|b| [b[0], b[1], b[2]])
 }
 
 /// Adds one pixel, whose light has these derivatives, to the Fisher information.

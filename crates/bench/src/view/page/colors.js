@@ -7,7 +7,8 @@ export const KINDS = [
   { name: "ghost", color: "#ff5fb0" },
 ];
 
-const depthStops = ["#4f9dff", "#52d6e8", "#8be78b", "#f4e25c", "#ff9a4a", "#ff5d73"];
+// viridis without its dark end, which dark images hide: lightness increases evenly, for any color vision and in gray.
+const depthStops = ["#3e4c8a", "#2d718e", "#1f978b", "#44bf70", "#a0da39", "#fde725"];
 
 const parsed = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
 

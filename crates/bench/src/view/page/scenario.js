@@ -275,6 +275,7 @@ export class ScenarioPage {
 
   showNumbers(part) {
     const { numbers } = part;
+    this.warnings.append(...part.warnings.map((text) => el("li", {}, text)));
     const [least, median, most] = numbers.displacement_px;
     const depth = numbers.displacement_um;
     this.facts.append(
