@@ -20,6 +20,7 @@ use microsig_core::render::{
 use microsig_core::sensor::{PixelMaps, Response};
 use microsig_core::{Particle, Settings, Spheroid};
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::curves::{Bin, Curve};
 use super::detection::Detection;
