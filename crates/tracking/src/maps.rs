@@ -177,7 +177,8 @@ mod tests {
                     }
                     let found = map[(y + margin) as usize * maps.size.0 + (x + margin) as usize];
                     let expected = if both > 0.0 { both * both / own } else { 0.0 };
-                    assert!((f64::from(found) / expected - 1.0).abs() < 1e-3, "{x} {y}: {found} {expected}");
+                    // Sums in f32; beyond the edge, few pixels are left of them.
+                    assert!((f64::from(found) / expected - 1.0).abs() < 3e-3, "{x} {y}: {found} {expected}");
                 }
             }
         }

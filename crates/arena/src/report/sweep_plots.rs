@@ -478,7 +478,8 @@ mod tests {
         for name in ["None", "to sensor mm: 70", "to sensor mm: 115"] {
             assert!(page.lines().any(|line| line.trim() == name), "{name} has no place in {page}");
         }
-        assert!(!page.contains("focal") && !page.contains("<polyline"), "dots without lines");
+        let is_curve = |line: &str| line.contains("<polyline") && line.contains("stroke-width=\"2\"");
+        assert!(!page.contains("focal") && !page.lines().any(is_curve), "dots without lines");
     }
 
     #[test]

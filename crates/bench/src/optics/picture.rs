@@ -18,6 +18,8 @@ use storage::error::{Error, Result};
 /// Width of the picture; text of 15 has 7.5 points if it is printed 85 mm wide.
 const WIDTH: u32 = 480;
 const FONT: i32 = 15;
+/// Text of captions that do not fit otherwise.
+const SMALLEST: i32 = 10;
 /// Margin left of the strips and curves.
 const LEFT: i32 = 70;
 /// Images of a strip.
@@ -137,15 +139,15 @@ fn label(x: i32, y: i32, style: &str, text: &str) -> String {
 /// Images of one size, from the lowest depth to the highest.
 fn strip(shown: &Shown<'_>, index: usize, top: i32) -> Result<String> {
     let RGBColor(r, g, b) = COLORS[index % MOST];
-    let style = format!("font-size=\"{FONT}\" fill=\"#{r:02x}{g:02x}{b:02x}\"");
     let name = format!("{} {}", SIGNS[index % MOST], shown.name);
-    // The width of a letter is about half its height.
-    let most = (WIDTH as i32 * 2 / FONT) as usize - 2;
-    let name = if name.chars().count() > most {
-        name.chars().take(most - 1).chain(['\u{2026}']).collect()
-    } else {
-        name
-    };
+    // A letter is about 0.6 times as wide as the font is high.
+    let fits = |font: i32| (f64::from(WIDTH as i32 - 16) / (0.6 * f64::from(font))) as usize;
+    let n = name.chars().count();
+    let font = (SMALLEST..=FONT).rev().find(|font| fits(*font) >= n).unwrap_or(SMALLEST);
+    let cut = n > fits(font);
+    let name: String =
+        if cut { name.chars().take(fits(font) - 1).chain(['\u{2026}']).collect() } else { name };
+    let style = format!("font-size=\"{font}\" fill=\"#{r:02x}{g:02x}{b:02x}\"");
     let mut text = label(8, top + CAPTION - 7, &style, &name);
     text += &label(8, top + CAPTION + TILE + 14, &format!("font-size=\"{}\"", FONT - 2), "z, um");
     text += &label(8, top + CAPTION + TILE + 30, &format!("font-size=\"{}\"", FONT - 2), "side, px");

@@ -277,10 +277,11 @@ impl Preview {
             }
         }
         warnings.extend(self.cylinder.and_then(|facts| cylinder::warning(facts, lens)));
-        warnings.extend(dataset::hopeless(
-            self.particles_per_px,
-            self.source_density,
+        warnings.extend(infeasible(
+            scenario,
+            [self.particles_per_px, self.source_density],
             self.mean().median_snr(),
+            [self.background_counts, self.background_noise_counts],
         ));
         let (low, high) = self.depth_range_um;
         if mean.focus_um.is_some_and(|focus| focus <= low || focus >= high) {
