@@ -184,11 +184,11 @@ fn a_seed_and_a_plot_that_cannot_be_are_refused_with_what_can() {
     }
     let place = tempfile::tempdir().unwrap();
     let scenario = write(place.path(), "scenario.ron", SCENARIO);
-    let (png, nowhere) = (place.path().join("a.png"), place.path().join("none/a.svg"));
+    let (pdf, nowhere) = (place.path().join("a.pdf"), place.path().join("none/a.svg"));
     for verb in [vec!["optics", path(&scenario)], vec!["flows", "uniform"]] {
         let plot = |file: &Path, code| fail(code, &[&verb[..], &["--plot", path(file)]].concat());
-        let said = plot(&png, 2);
-        assert!(said.contains("expected a name that ends in .svg") && !png.exists(), "{said}");
+        let said = plot(&pdf, 2);
+        assert!(said.contains("expected a name that ends in .svg or .png") && !pdf.exists(), "{said}");
         let said = plot(&nowhere, 1);
         let missing = format!("the folder {} does not exist", place.path().join("none").display());
         assert!(said.contains(&format!("{}: {missing}", nowhere.display())), "{said}");

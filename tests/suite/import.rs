@@ -190,13 +190,15 @@ fn a_recording_of_other_programs_is_tracked_and_scored() {
     assert!(score["unknown"][0].as_str().unwrap().starts_with("links and tracks"), "{}", score["unknown"]);
 }
 
+/// The optics of the scan.
+const OPTICS: &str = "(name: \"o\", optics: (preset: setting1, magnification: 10, numerical_aperture: 0.3, focal_length: 350, \
+                      pixel_size: 6.45, gain: 0.13), particles: (number: count(1), diameter_um: constant(2)), \
+                      motion: flow(field: poiseuille()), timing: pairs(count: 1), boundaries: (z_um: (-60, 40)))";
+
 #[test]
 fn optics_make_mle_possible() {
     let recording = Recording::new();
-    let scenario = "(name: \"o\", optics: (preset: setting1, magnification: 10, numerical_aperture: 0.3, focal_length: 350, \
-                    pixel_size: 6.45, gain: 0.13), particles: (number: count(1), diameter_um: constant(2)), \
-                    motion: flow(field: poiseuille()), timing: pairs(count: 1), boundaries: (z_um: (-60, 40)))";
-    std::fs::write(recording.at("optics.ron"), scenario).unwrap();
+    std::fs::write(recording.at("optics.ron"), OPTICS).unwrap();
     let (optics, planes, out) = (recording.at("optics.ron"), recording.at("planes.csv"), recording.at("out"));
     let more = ["--page", "1", "--optics", path(&optics), "--truth", path(&planes)];
     let arguments = recording.arguments("run.ome.tif", "scan.tif", &more);
@@ -211,6 +213,93 @@ fn optics_make_mle_possible() {
     let score: Value = json(&["evaluate", path(&out), path(&found)]);
     let of = |key: &str| score["planes"][key].as_f64().unwrap();
     assert!(of("share_within") > 0.95 && of("rmse_z_um") < 1.5, "{}", score["planes"]);
+}
+
+/// A tracker of microsig and a command run on a recording and its twin, which has as many particles, as bright, at the same places.
+#[test]
+fn the_twin_of_a_recording_predicts_the_scores_of_trackers() {
+    let recording = Recording::new();
+    std::fs::write(recording.at("optics.ron"), OPTICS).unwrap();
+    let [optics, planes, out, twin] =
+        ["optics.ron", "planes.csv", "out", "twin"].map(|name| recording.at(name));
+    let more = ["--page", "1", "--optics", path(&optics), "--truth", path(&planes)];
+    let arguments = recording.arguments("run.ome.tif", "scan.tif", &more);
+    run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    // A tracker that finds what `ncc` found last.
+    let command = format!(
+        "ncc,cp {}/$(basename {{dataset}} | sed s/out/recorded/)-ncc.csv {{out}} # {{images}}",
+        path(&twin)
+    );
+    let arguments = ["twin", path(&out), "--optics", path(&optics), "--run", &command, "--out", path(&twin)];
+    let made = json(&arguments);
+    let of =
+        |tracker: usize, images: &str, key: &str| made["trackers"][tracker][images][key].as_f64().unwrap();
+    // Nine particles in six frames. Of the recording, heights are known.
+    assert_eq!((of(0, "twin", "n"), of(0, "recorded", "n")), (54.0, 54.0));
+    assert!(of(0, "twin", "recall") > 0.95 && made["trackers"][0]["recorded"]["recall"].is_null(), "{made}");
+    let [own, predicted] = ["recorded", "twin"].map(|images| of(0, images, "rms_z_um"));
+    assert!((0.4..2.5).contains(&(predicted / own)) && own < 1.0, "{own} um, {predicted} um on the twin");
+    assert_eq!(of(1, "twin", "rms_z_um"), predicted);
+    let sentence = made["trackers"][0]["sentence"].as_str().unwrap();
+    assert!(
+        sentence.starts_with("ncc finds 100 % +- 0 of the particles at ")
+            && sentence.contains("only heights"),
+        "{sentence}"
+    );
+    assert!(
+        made["trackers"][1]["sentence"].as_str().unwrap().starts_with("your tracker finds 100 %"),
+        "{made}"
+    );
+    let page = std::fs::read_to_string(twin.join("report.html")).unwrap();
+    assert!(
+        page.contains(sentence.split(" of the").next().unwrap())
+            && page.matches("data:image/png").count() == 10
+    );
+    run(&["verify", path(&twin.join("twin"))]);
+
+    assert!(fail(2, &arguments).contains("exists"));
+    let wrong = |of: &str| {
+        ["twin", path(&out), "--optics", path(&optics), "--out", path(&twin), "--force", "--run"]
+            .iter()
+            .map(ToString::to_string)
+            .chain([of.to_owned()])
+            .collect::<Vec<_>>()
+    };
+    for (tracker, code, what) in [
+        ("nnc", 2, "expected one of"),
+        ("ls {images}", 2, "{out}"),
+        ("exit 3 # {images} {out}", 1, "exit status: 3"),
+    ] {
+        let arguments = wrong(tracker);
+        let said = fail(code, &arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(said.contains(what), "{said}");
+    }
+    let dataset = fail(
+        2,
+        &[
+            "twin",
+            path(&twin.join("generated")),
+            "--optics",
+            path(&optics),
+            "--out",
+            path(&recording.at("x")),
+        ],
+    );
+    assert!(dataset.contains("expected a recording"), "{dataset}");
+}
+
+#[test]
+fn another_background_than_that_of_the_scan_is_said() {
+    let recording = Recording::new();
+    let brighter =
+        |by: u8| eight_bit(&PASSES[2][4]).iter().map(|count| count.saturating_add(by)).collect::<Vec<_>>();
+    for (by, is_said) in [(0, false), (5, true)] {
+        write_eight_bit(&recording.at("run.tif"), &[brighter(by)], "a camera");
+        let arguments = recording.arguments("run.tif", "scan.tif", &["--force"]);
+        let made = json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        let said = made["warnings"].to_string();
+        assert_eq!(said.contains("that of the scan"), is_said, "{said}");
+    }
 }
 
 #[test]

@@ -101,6 +101,48 @@ fn truth_and_manifest_tell_what_optics_over_the_field_do() {
     );
 }
 
+/// The focus of each particle scatters, by the same in both frames of a pair and for each renderer; `z_um` stays.
+#[test]
+fn the_scatter_of_the_focus_is_a_constant_of_each_track() {
+    let place = tempfile::tempdir().unwrap();
+    let made = |name: &str, scatter_um: f64, mode: &str| {
+        let scenario = place.path().join(format!("{name}.ron"));
+        let text = format!(
+            "(name: \"{name}\", seed: 3, calibration: none,
+            optics: (depth_factor: 1.5, pixel_dim_x: 200, pixel_dim_y: 200, background_noise: 0,
+                     field: (focus: (tilt_um_per_mm: (20, 0), scatter_um: {scatter_um}))),
+            particles: (number: count(400)), motion: flow(field: uniform(velocity_um_s: (10, 0, 0))),
+            timing: pairs(count: 1, dt_s: 0.01), render: (mode: {mode}))"
+        );
+        std::fs::write(&scenario, text).unwrap();
+        let out = place.path().join(name);
+        run(&["generate", path(&scenario), "--out", path(&out)]);
+        out
+    };
+    let [none, rays, expected] =
+        [("none", 0.0, "expected"), ("rays", 2.0, "rays"), ("expected", 2.0, "expected")]
+            .map(|(name, scatter_um, mode)| made(name, scatter_um, mode));
+    let tables = [&none, &rays, &expected].map(|out| table(&out.join("truth/tracks.csv")));
+    for column in ["z_um", "x_px", "track"] {
+        assert_eq!(tables[0][column], tables[2][column]);
+    }
+    assert_eq!(tables[1]["optics_dz_um"], tables[2]["optics_dz_um"]);
+    let scatter = |row: usize| tables[2]["optics_dz_um"][row] - tables[0]["optics_dz_um"][row];
+    let n = tables[2]["track"].len();
+    let mut of_track = std::collections::BTreeMap::new();
+    for row in 0..n {
+        let known = of_track.entry(tables[2]["track"][row] as u64).or_insert(scatter(row));
+        assert!((*known - scatter(row)).abs() < 1e-9, "{known}, {}", scatter(row));
+    }
+    // As in data files: 1.5 times as much is physical. Four standard errors.
+    let values: Vec<f64> = of_track.into_values().collect();
+    let moment = |k: i32| values.iter().map(|v| (v / 3.0).powi(k)).sum::<f64>() / values.len() as f64;
+    let error = 4.0 / (values.len() as f64).sqrt();
+    assert!(moment(1).abs() < error && (moment(2) - 1.0).abs() < 1.5 * error, "{} {}", moment(1), moment(2));
+    // A peak is that of the depth at which the particle seems to be.
+    assert!(tables[0]["peak_counts"] != tables[2]["peak_counts"]);
+}
+
 /// Plane Poiseuille flow with a maximum of 10 px: D(z) = 40 s (1 - s) px, and its mean with the weights of
 /// depth.csv.
 #[test]

@@ -171,16 +171,19 @@ fn light(options: &FitOptions) -> Result<(WaveModel, f64)> {
 fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
     options.check()?;
     let (waves, diameter_um) = light(options)?;
+    let all_px = match (import::locate(scan), &options.places_px) {
+        (Err(e), None) => return Err(e),
+        // Given particles may be too faint to be located.
+        (located, _) => located.unwrap_or_default(),
+    };
     Ok(FieldOptions {
         given: options.given,
         diameter_um,
         direction: options.direction.unwrap_or(1.0),
         waves,
         half_window: options.half_window,
-        places_px: match &options.places_px {
-            Some(places_px) => places_px.clone(),
-            None => import::locate(scan)?,
-        },
+        places_px: options.places_px.clone().unwrap_or_else(|| all_px.clone()),
+        all_px,
     })
 }
 

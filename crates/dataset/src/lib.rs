@@ -17,7 +17,8 @@ pub use hopeless::{USUAL_N_S, digits, hopeless, usual_ppp};
 pub use read::{Record, TableReader, read_rows};
 pub use recording::{LARGEST_UM, RecordingFacts};
 pub use rows::{
-    BoxRow, CalibrationRow, DepthRow, DisplacementRow, FieldRow, FrameRow, PlaneRow, TrackRow, TrueFlow,
+    BoxRow, CalibrationRow, DepthRow, DisplacementRow, FieldRow, FrameRow, PlaneRow, ScanParticleRow,
+    TrackRow, TrueFlow,
 };
 pub use table::{Cell, Cells, Column, Row, Table};
 pub use write::{TableWriter, write_table};

@@ -315,6 +315,18 @@ table! {
 }
 
 table! {
+    /// One row per particle, or cluster of touching particles, of the scan of a recording.
+    pub struct ScanParticleRow in "calibration/scan.csv" {
+        /// column of its centre
+        x_px: f64, "px";
+        /// row of its centre
+        y_px: f64, "px";
+        /// light of its sharpest image, relative to the median of all
+        light: f64, "";
+    }
+}
+
+table! {
     /// One row per frame of a recording in which all particles are in a plane of known height.
     pub struct PlaneRow in "truth/planes.csv" {
         /// number of the frame, from 0

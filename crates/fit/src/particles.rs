@@ -226,6 +226,20 @@ pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Cand
     (farthest + WINDOW_MARGIN).min(largest.max(SMALLEST_HALF_WIDTH)).min(MAX_HALF_WIDTH)
 }
 
+/// Half the distance to the nearest other particle, px, that a quarter of the particles exceed; not less than the smallest
+/// half width.
+pub(super) fn half_spacing(candidates: &[Candidate]) -> usize {
+    let nearest = |k: usize| {
+        let away = |other: &Candidate| libm::hypot(other.x - candidates[k].x, other.y - candidates[k].y);
+        let others = candidates.iter().enumerate().filter(|(j, _)| *j != k);
+        others.map(|(_, other)| away(other)).fold(f64::INFINITY, f64::min)
+    };
+    let mut spacing: Vec<f64> = (0..candidates.len()).map(nearest).collect();
+    spacing.sort_by(f64::total_cmp);
+    let half = spacing.get(3 * spacing.len() / 4).map_or(f64::INFINITY, |px| 0.5 * px);
+    (half as usize).max(SMALLEST_HALF_WIDTH)
+}
+
 /// Windows around the usable particles.
 ///
 /// # Errors

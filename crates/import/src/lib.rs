@@ -192,6 +192,13 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     let mut written = frames.write(folder, um_per_px, &correction, options)?;
     if let Some(noise) = &noise {
         let deviation = noise.variance.first().map_or(0.0, |variance| libm::sqrt(*variance));
+        let [own, scan] = [written.background[0], noise.background_counts];
+        if (own - scan).abs() > deviation {
+            written.warnings.push(format!(
+                "the background is {own:.1} counts, that of the scan {scan:.1}: stray light, particles far from focus or another \
+                 offset add noise that the scan does not show"
+            ));
+        }
         written.background = [noise.background_counts, deviation];
     }
     warnings.extend(written.warnings.iter().cloned());

@@ -27,6 +27,8 @@ const APART_PX: usize = 3;
 pub(crate) struct Located {
     /// Columns and rows of the particles, px from 0, most contrast first.
     pub(crate) places: Vec<[f64; 2]>,
+    /// The number of the depth in which each is sharpest.
+    pub(crate) sharpest: Vec<usize>,
     /// Mean of the background, counts.
     pub(crate) background: f64,
     /// Standard deviation of the background, counts.
@@ -64,7 +66,8 @@ impl Located {
         let (level, noise) = map.background();
         let mut found = maxima(&map, level + ABOVE_NOISE * noise.max(f32::MIN_POSITIVE));
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let z_um = |at: &[f64; 2]| levels[sharpest[at[1] as usize * size.0 + at[0] as usize].1].z_um;
+        let depth = |at: &[f64; 2]| sharpest[at[1] as usize * size.0 + at[0] as usize].1;
+        let z_um = |at: &[f64; 2]| levels[depth(at)].z_um;
         if let Some(plane_um) =
             weighted_median(found.iter().map(|(value, at)| (z_um(at), f64::from(*value))).collect())
         {
@@ -83,6 +86,7 @@ impl Located {
             f64::from(values[values.len() / 2])
         };
         Ok(Located {
+            sharpest: found.iter().map(|(_, at)| depth(at)).collect(),
             places: found.into_iter().map(|(_, at)| at).collect(),
             background: median(|b| b.0),
             background_noise: median(|b| b.1),

@@ -4,7 +4,7 @@ use dataset::manifest::{
     Facts, GENERATOR_VERSION, LAYOUT_VERSION, Manifest, NoiseFacts, ParticleImageFacts, RECORDING, Resource,
     ScoringGates, SensorFacts, TimingFacts, coordinates, resource, seal as complete,
 };
-use dataset::{CalibrationRow, Row, Table};
+use dataset::{CalibrationRow, Row, ScanParticleRow, Table};
 use serde_json::{Map, Value, json};
 use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
@@ -48,7 +48,7 @@ pub(crate) fn seal(partial: &Partial, about: &About<'_>) -> Result<()> {
     let folder = partial.folder();
     let size = about.frames.size();
     let mut tables: Vec<Table> = about.known.tables();
-    tables.extend(about.made.map(Stacks::table));
+    tables.extend(about.made.iter().flat_map(|made| [made.table(), ScanParticleRow::table(&[])]));
     let frames: std::collections::BTreeMap<String, u32> =
         (0..about.frames.len()).map(|frame| (about.frames.path(frame), frame as u32)).collect();
     complete(folder, &manifest(about), |path: &str| {

@@ -5,8 +5,8 @@
 use std::path::Path;
 
 use dataset::manifest::PlaceFacts;
-use dataset::{CalibrationRow, write_table};
-use fit::Scan;
+use dataset::{CalibrationRow, Row, ScanParticleRow, write_table};
+use fit::{Level, Scan};
 use microsig_core::Particle;
 use microsig_core::formats::tiff::{self, PixelScale, StackPlane};
 use microsig_core::formats::{data_file, settings_file};
@@ -69,6 +69,8 @@ pub(crate) struct Stacks {
     pub(crate) warnings: Vec<String>,
     /// Width and height of the frames, px.
     pub(crate) frame_px: (usize, usize),
+    /// All particles of the scan.
+    located: Vec<ScanParticleRow>,
 }
 
 impl Stacks {
@@ -140,6 +142,7 @@ impl Stacks {
             unused,
             warnings,
             frame_px: (scan.width, scan.height),
+            located: lights(scan, &levels, &located, &radii),
         };
         made.average(&aligned, places, options, &name.to_string());
         Ok(made)
@@ -228,7 +231,8 @@ impl Stacks {
             let path = folder.join(file);
             folder.save(file, |w| settings_file::write(w, &model.settings).map_err(Error::write(&path)))?;
         }
-        write_table(folder, &self.table(), &rows)
+        write_table(folder, &self.table(), &rows)?;
+        write_table(folder, &ScanParticleRow::table(&[]), &self.located)
     }
 
     /// Writes an image with its background, as floating-point numbers: an average has more digits than counts.
@@ -267,6 +271,32 @@ impl Stacks {
         };
         images.iter().map(area).sum::<usize>() as f64 / images.len() as f64
     }
+}
+
+/// The particles with the light of their sharpest images above the background, in squares of the size of these.
+fn lights(scan: &Scan, levels: &[Level], located: &Located, radii: &[usize]) -> Vec<ScanParticleRow> {
+    let light = |(at, depth): (&[f64; 2], &usize)| {
+        let [columns, rows] = [(at[0], scan.width), (at[1], scan.height)].map(|(at, size)| {
+            let (at, reach) = (at as usize, radii[*depth] + 1);
+            at.saturating_sub(reach)..(at + reach + 1).min(size)
+        });
+        let planes = &levels[*depth].planes;
+        let counts = |plane: &usize| {
+            let row = |y: usize| &scan.planes[*plane][y * scan.width..(y + 1) * scan.width][columns.clone()];
+            rows.clone().flat_map(row).map(|count| f64::from(*count) - located.background).sum::<f64>()
+        };
+        planes.iter().map(counts).sum::<f64>() / planes.len() as f64
+    };
+    let lights: Vec<f64> = located.places.iter().zip(&located.sharpest).map(light).collect();
+    let mut sorted = lights.clone();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted[sorted.len() / 2];
+    let row = |([x, y], light): (&[f64; 2], f64)| ScanParticleRow {
+        x_px: x + 1.0,
+        y_px: y + 1.0,
+        light: light / median,
+    };
+    located.places.iter().zip(lights).map(row).collect()
 }
 
 /// Half width of the calibration images, px.

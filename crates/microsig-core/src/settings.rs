@@ -130,6 +130,11 @@ impl Settings {
         Self::from_values([63.0, 0.75, 350.0, 1.0, 1.5, 6.45, 141.0, 141.0, 52.0, 5.0, 12.0, 250.0, 1.1, 0.0])
     }
 
+    /// The position of the middle of the sensor, px.
+    pub fn middle_px(&self) -> [f64; 2] {
+        [self.pixel_dim_x, self.pixel_dim_y].map(|size| 0.5 * (f64::from(size) + 1.0))
+    }
+
     /// Whether a position (px) is on a pixel of the sensor: pixel k covers [k - 0.5, k + 0.5).
     pub fn is_on_sensor(&self, x_px: f64, y_px: f64) -> bool {
         let on = |at: f64, size: u32| (0.5..f64::from(size) + 0.5).contains(&at);

@@ -50,6 +50,8 @@ pub enum Purpose {
     /// Quantities that vary between the samples of a training stream; frame = low 32 bits of the sample
     /// number, row = hash of the path of the varied key.
     Variation = 20,
+    /// Depth in focus of a tracer; row = low 32 bits of its id.
+    FocusScatter = 21,
 }
 
 /// A family of random streams.

@@ -44,7 +44,7 @@ mod tests {
         let size = Settings { magnification: 10.0, pixel_size: 10.0, ..Settings::setting1() };
         let settings = Settings { pixel_dim_x: 601, pixel_dim_y: 801, ..size };
         let with = |curvature_um_per_mm2: f64, tilt_um_per_mm: (f64, f64)| FieldOptics {
-            focus: FocusSurface { curvature_um_per_mm2, tilt_um_per_mm },
+            focus: FocusSurface { curvature_um_per_mm2, tilt_um_per_mm, scatter_um: 0.0 },
             ..FieldOptics::default()
         };
         let warning = |field: &FieldOptics, z_um| lost_focus(field, &settings, z_um);

@@ -179,6 +179,14 @@ pub(super) fn origins(dataset: &DatasetPlace) -> Result<Vec<Origin>> {
     stacks.iter().map(|rows| origin(dataset, rows)).collect()
 }
 
+/// Depth of the calibration stacks at which the depth in data files is 0, um.
+///
+/// # Errors
+/// A dataset whose stacks have no model of the optics.
+pub fn zero_um(dataset: &DatasetPlace) -> Result<f64> {
+    Ok(origins(dataset)?.first().map_or(0.0, |origin| origin.zero_um))
+}
+
 fn origin(dataset: &DatasetPlace, rows: &[Row]) -> Result<Origin> {
     let particle = |row: &Row| {
         if !row.particles.is_empty() {

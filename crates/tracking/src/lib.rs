@@ -40,7 +40,7 @@ mod spots;
 mod stack;
 mod templates;
 
-pub use calibration::check as check_calibration;
+pub use calibration::{check as check_calibration, zero_um};
 pub use gray_image::{GrayImage, Spline};
 pub use spheroids::weighted_median;
 

@@ -17,6 +17,7 @@ mod score_file;
 mod sweep_plots;
 mod table;
 mod tiles;
+mod twin_page;
 
 use std::path::{Path, PathBuf};
 
@@ -39,6 +40,7 @@ pub(crate) use page::document;
 pub(crate) use plots::{AxisLabels, Series, lines, lines_over_log, log_lines};
 pub use score_file::{parse as parse_score, parse_units};
 pub use table::{summary, table};
+pub use twin_page::{OnBoth, TrackerScores, TwinAbout, TwinScore, twin_page};
 
 /// The report's file.
 pub(crate) const REPORT: &str = "report.html";

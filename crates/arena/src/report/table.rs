@@ -237,6 +237,20 @@ fn planes(out: &mut String, score: &Score) {
         n(p.p95_z_um)
     );
     line(out, "z of all", &all);
+    if let Some(f) = &p.fitted {
+        let (gate, wrong) = (
+            p.gate_z_um,
+            p.wrong_side.map_or(String::new(), |share| format!("; {share:.3} on the wrong side")),
+        );
+        let fitted = format!(
+            "of planes fitted to each height (tilt and height; gate {gate} um): RMS {}  50 % within {}  68 % within {} um  within the gate {}{wrong}",
+            n(f.rms_z_um),
+            n(f.p50_z_um),
+            n(f.p68_z_um),
+            n(f.share_within)
+        );
+        line(out, "", &fitted);
+    }
     let ends = |bins: &[scoring::evaluate::planes::PlaneBin]| {
         let most = |a: f64, b: &scoring::evaluate::planes::PlaneBin| {
             b.bias_z_um.filter(|v| v.abs() > a.abs()).unwrap_or(a)

@@ -26,6 +26,7 @@ mod suite;
 mod sweep;
 mod sweep_scores;
 mod track;
+mod twin;
 mod verify;
 #[cfg(feature = "view")]
 mod view;
@@ -117,6 +118,7 @@ enum Verb {
     #[cfg(feature = "view")]
     View(view::View),
     Track(track::Track),
+    Twin(twin::Twin),
     Evaluate(evaluate::Evaluate),
     CheckSubmission(check_submission::CheckSubmission),
     Compare(compare::Compare),
@@ -144,6 +146,7 @@ impl Verb {
             #[cfg(feature = "view")]
             Verb::View(verb) => verb.run(common),
             Verb::Track(verb) => verb.run(common),
+            Verb::Twin(verb) => verb.run(common),
             Verb::Evaluate(verb) => verb.run(common),
             Verb::CheckSubmission(verb) => verb.run(common),
             Verb::Compare(verb) => verb.run(common),
@@ -173,6 +176,7 @@ impl Verb {
             #[cfg(feature = "view")]
             Verb::View(verb) => &verb.tables,
             Verb::Track(verb) => &verb.tables,
+            Verb::Twin(verb) => &verb.tables,
             Verb::Evaluate(verb) => &verb.tables,
             Verb::Release(verb) => &verb.tables,
             Verb::Import(verb) => &verb.tables,

@@ -61,6 +61,9 @@ const TERMS: [Term; 19] = [
 /// The coefficient of the light over the field.
 pub(super) const LIGHT: &str = "light_per_mm2";
 
+/// The scatter of the focus of particles about the surface in focus.
+pub(super) const SCATTER: &str = "focus.scatter_um";
+
 /// A coefficient with its standard deviation.
 #[derive(Debug, Clone, Serialize)]
 pub struct Coefficient {
@@ -104,15 +107,22 @@ const ITERATIONS: usize = 8;
 /// Distance, in standard deviations, beyond which the weight of a particle falls.
 const FAR: f64 = 2.0;
 
-/// Fewest particles that determine the field dependence; optics of fewer are taken as the same over the field.
+/// Fewest particles that determine the field dependence; of fewer, only that of the focus is fitted.
 pub(super) const FEWEST: usize = 8;
+
+/// Fewest particles that determine tilt and curvature of the focus and leave some to tell the scatter about them.
+pub(super) const FEWEST_OF_FOCUS: usize = 6;
 
 impl FieldDependence {
     /// The field dependence that the particles show; `None` if they do not determine it.
     pub(super) fn of(evidence: &[Evidence]) -> Option<FieldDependence> {
-        let is_constant = |term: &&Term| (term.effect)([0.0; 2]).iter().any(|(_, by)| *by != 0.0);
-        let terms: Vec<&Term> =
-            TERMS.iter().filter(|term| evidence.len() >= FEWEST || is_constant(term)).collect();
+        let is_constant = |term: &Term| (term.effect)([0.0; 2]).iter().any(|(_, by)| *by != 0.0);
+        let is_determined = |term: &&Term| match evidence.len() {
+            FEWEST.. => true,
+            FEWEST_OF_FOCUS.. => is_constant(term) || term.key.starts_with("focus."),
+            _ => is_constant(term),
+        };
+        let terms: Vec<&Term> = TERMS.iter().filter(is_determined).collect();
         let quantities: Vec<usize> = (0..COUNT).filter(|q| *q != X && *q != Y).collect();
         let n = quantities.len();
         let place_of = |quantity: usize| quantities.iter().position(|q| *q == quantity);
@@ -176,7 +186,14 @@ impl FieldDependence {
                     .collect();
                 squares.sort_by(f64::total_cmp);
                 let kept = &squares[..(squares.len() * 9).div_ceil(10)];
-                let mean = 1.2 * kept.iter().sum::<f64>() / kept.len() as f64;
+                // Residuals of few particles are smaller than their scatter.
+                let of_quantity = |design: &[f64]| {
+                    design[i * terms.len()..(i + 1) * terms.len()].iter().filter(|by| **by != 0.0).count()
+                };
+                let fitted = designs.iter().map(|design| of_quantity(design)).max().unwrap_or(0);
+                let left = evidence.len().saturating_sub(fitted).max(1);
+                let factor = (evidence.len() as f64 / left as f64).max(1.2);
+                let mean = factor * kept.iter().sum::<f64>() / kept.len() as f64;
                 scatter[i] = libm::sqrt(mean.max(1e-4 * scatter[i] * scatter[i]));
             }
             for ((robust, residual), weight) in robust.iter_mut().zip(&residuals).zip(&weights) {
@@ -186,8 +203,16 @@ impl FieldDependence {
             solution = found;
             deviation = sds;
         }
+        // The scatter of few particles about the surface in focus is uncertain: Student's t with two and three degrees of
+        // freedom.
+        let student = match evidence.len() {
+            FEWEST_OF_FOCUS => 4.303 / 1.96,
+            7 => 3.182 / 1.96,
+            _ => 1.0,
+        };
         let coefficients = terms.iter().zip(solution.iter().zip(&deviation)).map(|(term, (value, sd))| {
-            Coefficient { key: term.key, value: *value, sd: *sd, unit: term.unit }
+            let sd = if term.key.starts_with("focus") { student * sd } else { *sd };
+            Coefficient { key: term.key, value: *value, sd, unit: term.unit }
         });
         Some(FieldDependence { coefficients: coefficients.collect() })
     }
@@ -255,6 +280,7 @@ impl FieldDependence {
                     direction * of("focus.tilt_um_per_mm.0"),
                     direction * of("focus.tilt_um_per_mm.1"),
                 ),
+                scatter_um: of(SCATTER),
             },
             chief_ray: ChiefRay {
                 slope: (of("chief_ray.slope.0"), of("chief_ray.slope.1")),
@@ -365,14 +391,34 @@ mod tests {
     /// Of fields of 20 particles. Standard deviations from the residuals and the number of terms (HC1) cover 89 % of the curvatures.
     #[test]
     fn intervals_cover_the_terms_of_particles_that_scatter() {
+        let covered = coverage(&(0..20).collect::<Vec<_>>());
+        assert_eq!(covered.len(), TERMS.len());
+        let missed = |share: &f64| !(0.91..=0.985).contains(share);
+        assert!(!covered.values().any(missed), "{covered:?}");
+    }
+
+    #[test]
+    fn seven_particles_tell_tilt_and_curvature_of_the_focus() {
+        for places in [&[0, 2, 4, 10, 13, 15, 19][..], &[0, 4, 7, 10, 15, 19]] {
+            let covered = coverage(places);
+            let focus = covered.iter().filter(|(key, _)| key.starts_with("focus"));
+            let shares: Vec<f64> = focus.map(|(_, share)| *share).collect();
+            assert_eq!((shares.len(), covered.contains_key("coma.per_mm")), (4, false));
+            assert!(shares.iter().all(|share| (0.91..=0.985).contains(share)), "{places:?}: {covered:?}");
+        }
+    }
+
+    /// The shares of fields of particles at these places of a grid in which the intervals contain the terms, 0.
+    fn coverage(places: &[i32]) -> std::collections::BTreeMap<&'static str, f64> {
         const FIELDS: u64 = 1000;
         let mut covered = std::collections::BTreeMap::<&str, u32>::new();
         for field in 0..FIELDS {
             let mut random = Xoshiro256PlusPlus::seed_from_u64(field);
             // Nearly normal: the sum of twelve uniform numbers has a variance of 1.
             let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
-            let evidence: Vec<Evidence> = (0..20)
-                .map(|i| {
+            let evidence: Vec<Evidence> = places
+                .iter()
+                .map(|&i| {
                     let place = [f64::from(i % 5) * 0.14 - 0.28, f64::from(i / 5) * 0.17 - 0.26];
                     let mut local = [0.0; COUNT];
                     local.iter_mut().for_each(|value| *value = 0.01 * normal());
@@ -386,8 +432,7 @@ mod tests {
                 *covered.entry(found.key).or_default() += u32::from(found.value.abs() < 1.96 * found.sd);
             }
         }
-        let missed = |count: &u32| !(0.91..=0.985).contains(&(f64::from(*count) / FIELDS as f64));
-        assert!(!covered.values().any(missed), "covered by intervals of {FIELDS}: {covered:?}");
+        covered.into_iter().map(|(key, count)| (key, f64::from(count) / FIELDS as f64)).collect()
     }
 
     /// Places on a grid with a known field dependence, small errors and two particles far off.

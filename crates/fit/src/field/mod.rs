@@ -48,9 +48,10 @@ pub struct FieldOptions {
     pub waves: WaveModel,
     /// Half width of the windows, px; from the size of the images if `None`.
     pub half_window: Option<usize>,
-    /// Positions of all particles, px, with the first pixel's center at (1, 1): those that are fitted, and
-    /// faint neighbors, whose light is masked.
+    /// Positions of the particles to fit, px, with the first pixel's center at (1, 1).
     pub places_px: Vec<[f64; 2]>,
+    /// Those of all particles, whose light is masked; those closer than 3 px in x and y to one to fit are this one.
+    pub all_px: Vec<[f64; 2]>,
 }
 
 /// Number of planes from which a first fit starts.
@@ -86,10 +87,14 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let frames = Frames::of(scan);
     watch("particles");
     let background = Background::of(&scan.planes);
-    let candidates = particles::given(scan, &options.places_px)?;
-    let half = options.half_window.unwrap_or_else(|| particles::half_width(scan, background, &candidates));
+    let fitted = particles::given(scan, &options.places_px)?.len();
+    let candidates = particles::given(scan, &[options.places_px.as_slice(), &options.all_px].concat())?;
+    let half = options.half_window.unwrap_or_else(|| {
+        // Beyond half the spacing, light is mostly that of others, which is masked.
+        particles::half_width(scan, background, &candidates).min(particles::half_spacing(&candidates))
+    });
     let instrument = instrument(options);
-    let (subjects, found) = subjects::of(scan, &frames, &instrument, &candidates, half)?;
+    let (subjects, found) = subjects::of(scan, &frames, &instrument, (&candidates, fitted), half)?;
     let middle = |k: usize| subjects[k].place_mm;
     let mut fits: Vec<Fit> = Vec::with_capacity(subjects.len());
     for (k, subject) in subjects.iter().enumerate() {

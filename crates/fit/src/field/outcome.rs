@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use microsig_core::optics::FieldOptics;
 use serde::Serialize;
 
-use super::dependence::{Coefficient, FEWEST, FieldDependence, LIGHT};
+use super::dependence::{Coefficient, FEWEST, FEWEST_OF_FOCUS, FieldDependence, LIGHT, SCATTER};
 use super::frames::Frames;
 use super::local::{FOCUS, NA, QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
@@ -137,12 +137,22 @@ impl Outcome<'_> {
         let Outcome { scan, options, frames, subjects, candidates, .. } = self;
         let repeats = frames.repeats.iter().sum::<usize>() as f64 / frames.repeats.len() as f64;
         let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
-        let light: Vec<([f64; 2], f64)> =
-            singles.iter().map(|&k| (subjects[k].place_of(&fits[k].local), of_field[k].light())).collect();
+        let places = |k: usize| subjects[k].place_of(&fits[k].local);
+        let light: Vec<([f64; 2], f64)> = singles.iter().map(|&k| (places(k), of_field[k].light())).collect();
         let mut dependence = dependence.clone();
         if singles.len() >= FEWEST {
             let (value, sd) = light_dependence(&light);
             dependence.coefficients.push(Coefficient { key: LIGHT, value, sd, unit: "1/mm^2" });
+        }
+        if singles.len() >= FEWEST_OF_FOCUS {
+            let residuals = singles.iter().map(|&k| {
+                let local = &of_field[k].local;
+                let residual = local[FOCUS] - dependence.at(places(k), local)[FOCUS];
+                let variance = of_field[k].quadratic.matrix.inverse().map_or(f64::NAN, |c| c.at(0, 0));
+                (residual, of_field[k].chi2() * variance)
+            });
+            let (value, sd) = focus_scatter(&residuals.collect::<Vec<_>>());
+            dependence.coefficients.push(Coefficient { key: SCATTER, value, sd, unit: "um" });
         }
         let (field, unresolved) = dependence.field(options.direction);
         let quantities: Vec<&'static str> = FREE.iter().map(|q| QUANTITIES[*q].0).collect();
@@ -251,9 +261,14 @@ impl Outcome<'_> {
             ));
         }
         if singles < FEWEST {
+            let (focus, least) = match singles {
+                FEWEST_OF_FOCUS.. => ("but for tilt and curvature of the focus, ", FEWEST),
+                _ => ("", FEWEST_OF_FOCUS),
+            };
             warnings.push(format!(
-                "only {singles} single particles: the optics are taken as the same over the field; a fit of their field dependence \
-                 needs at least {FEWEST}, spread over the field (a smaller window may find more)"
+                "only {singles} single particles: {focus}the optics are taken as the same over the field; a fit of {} needs at least \
+                 {least}, spread over the field (a smaller window may find more)",
+                if focus.is_empty() { "tilt and curvature of the focus" } else { "their whole field dependence" }
             ));
         }
         warnings.extend(transmission.and_then(implausible));
@@ -300,6 +315,25 @@ fn brightness(light: &[([f64; 2], f64)], light_per_mm2: f64) -> (f64, f64) {
     let mean = light.iter().map(of).sum::<f64>() / n;
     let variance = light.iter().map(|particle| (of(particle) - mean).powi(2)).sum::<f64>() / n;
     (mean, libm::sqrt(variance))
+}
+
+/// Number of coefficients of the surface in focus.
+const FOCUS_TERMS: usize = 4;
+
+/// Standard deviation of the focus of particles about the surface in focus beyond the variances of their fits, from
+/// pairs of residual (um) and variance, with its own standard deviation; 0 if the variances explain the residuals (97.5 %
+/// level), with half the largest scatter that would not show.
+fn focus_scatter(residuals: &[(f64, f64)]) -> (f64, f64) {
+    let left = residuals.len().saturating_sub(FOCUS_TERMS).max(1) as f64;
+    let variance = residuals.iter().map(|(residual, _)| residual * residual).sum::<f64>() / left;
+    let explained = residuals.iter().map(|(_, variance)| variance).sum::<f64>() / residuals.len() as f64;
+    let relative_sd = libm::sqrt(2.0 / left);
+    if variance - explained > 1.96 * relative_sd * explained {
+        let scatter = libm::sqrt(variance - explained);
+        (scatter, relative_sd * variance / (2.0 * scatter))
+    } else {
+        (0.0, libm::sqrt(1.96 * relative_sd * explained) / 1.96)
+    }
 }
 
 /// Relative change of light per squared distance from the center, and its standard deviation: a straight line

@@ -60,7 +60,7 @@ impl Files<'_> {
         let (coma, astigmatism) = (&field.coma, &field.astigmatism);
         let optics = format!(
             ", lens: aplanatic{},\n        pupil: (zernike: [(11, {:?})], transmission: {:?}), blur_um: {:?},\n        \
-             field: (\n            focus: (curvature_um_per_mm2: {:?}, tilt_um_per_mm: {}),\n            \
+             field: (\n            focus: (curvature_um_per_mm2: {:?}, tilt_um_per_mm: {}, scatter_um: {:?}),\n            \
              chief_ray: (slope: {}, per_mm: {:?}),\n            light_per_mm2: {:?},\n            \
              coma: (constant: {}, per_mm: {:?}),\n            \
              astigmatism: (constant: {}, per_mm: {:?}, per_mm2: {:?}),\n            \
@@ -71,6 +71,7 @@ impl Files<'_> {
             round(*blur_um, 4),
             round(focus.curvature_um_per_mm2, 4),
             pair(focus.tilt_um_per_mm, 4),
+            round(focus.scatter_um, 4),
             pair(chief_ray.slope, 6),
             round(chief_ray.per_mm, 6),
             round(field.light_per_mm2, 4),

@@ -17,7 +17,8 @@ const MOST: usize = 40;
 /// Number of planes that are used.
 const PLANES: usize = 17;
 
-/// The particles that are fitted, nearest to the center first, and the number of those that could be.
+/// The particles that are fitted, of so many first candidates, nearest to the center first, and the number of those that
+/// could be.
 ///
 /// # Errors
 /// [`Error::Input`] if there are too few.
@@ -25,7 +26,7 @@ pub(super) fn of<'a>(
     scan: &Scan,
     frames: &'a Frames,
     instrument: &'a Instrument,
-    candidates: &[Candidate],
+    (candidates, fitted): (&[Candidate], usize),
     half: usize,
 ) -> Result<(Vec<Subject<'a>>, usize)> {
     let settings = Settings {
@@ -47,7 +48,7 @@ pub(super) fn of<'a>(
             masks: Vec::new(),
         }
     };
-    let (windows, [cut, saturated]) = windows(scan, candidates, half);
+    let (windows, [cut, saturated]) = windows(scan, &candidates[..fitted], half);
     let mut all: Vec<Subject> = windows.into_iter().map(subject).collect();
     let rough = rough(&all, candidates);
     for subject in &mut all {
@@ -60,7 +61,7 @@ pub(super) fn of<'a>(
         return Err(Error::option(particles::smaller(format!(
             "none of {} particles can be used with windows of {2} x {2} px ({cut} cut by the edge of the image, {saturated} saturated, \
              {} too close to others): ",
-            candidates.len(),
+            fitted,
             uncut,
             2 * half + 1
         ))));

@@ -25,7 +25,15 @@ fn options(places_px: Vec<[f64; 2]>) -> FieldOptions {
         Given { magnification: 10.0, pixel_size_um: 16.0, ri_medium: 1.0, ri_lens: 1.5, depth_factor: 1.0 };
     let (emission, lens) = (Emission::Volume, Lens::Aplanatic);
     let waves = WaveModel { wavelength_um: 0.56, emission, lens, layers: None };
-    FieldOptions { given, diameter_um: 1.0, direction: 1.0, waves, half_window: Some(HALF), places_px }
+    FieldOptions {
+        given,
+        diameter_um: 1.0,
+        direction: 1.0,
+        waves,
+        half_window: Some(HALF),
+        places_px,
+        all_px: Vec::new(),
+    }
 }
 
 /// A microscope.
@@ -36,6 +44,8 @@ struct Truth {
     spherical: f64,
     transmission: f64,
     blur_um: f64,
+    /// Scatter of the focus of particles, um.
+    scatter_um: f64,
 }
 
 impl Truth {
@@ -48,6 +58,7 @@ impl Truth {
             spherical: 0.0,
             transmission: 0.0,
             blur_um: 0.8,
+            scatter_um: 0.0,
         }
     }
 
@@ -55,7 +66,11 @@ impl Truth {
     fn varied() -> Truth {
         Truth {
             field: FieldOptics {
-                focus: FocusSurface { curvature_um_per_mm2: 30.0, tilt_um_per_mm: (8.0, 0.0) },
+                focus: FocusSurface {
+                    curvature_um_per_mm2: 30.0,
+                    tilt_um_per_mm: (8.0, 0.0),
+                    scatter_um: 0.0,
+                },
                 chief_ray: ChiefRay { slope: (0.01, 0.0), per_mm: 0.1 },
                 distortion_per_mm2: 0.0,
                 light_per_mm2: -3.0,
@@ -137,12 +152,14 @@ impl Images {
         };
         let renderer = WavesRenderer::new(&settings, &optics, 0.1 * FINE).unwrap();
         let reach = HALF as i64 + 3;
-        let of_particle = |[x, y]: &[f64; 2]| {
+        let of_particle = |(number, [x, y]): (usize, &[f64; 2])| {
+            let scatter_um = truth.scatter_um
+                * normal(&mut Streams::new(1).stream(Purpose::FocusScatter, 0, number as u32));
             let local = truth.field.at(FieldOptics::place(&settings, *x, *y));
             let images =
                 renderer.single_images_at(&local, [-30.0, 30.0], diameter_um, [reach as usize + 3; 2]);
             let plane = |stage: &f64| {
-                let particle = Particle::sphere(*x, *y, stage - truth.focus_um, diameter_um);
+                let particle = Particle::sphere(*x, *y, stage - truth.focus_um + scatter_um, diameter_um);
                 let seen = truth.field.apparent(&settings, &particle);
                 let (column, row) = (x.round() as i64, y.round() as i64);
                 let pixels: Vec<[i64; 2]> = (row - reach..=row + reach)
@@ -156,7 +173,7 @@ impl Images {
             };
             stage_um.iter().map(plane).collect()
         };
-        let shares = places_px.iter().map(of_particle).collect();
+        let shares = places_px.iter().enumerate().map(of_particle).collect();
         Images { edge, places_px, stage_um, shares }
     }
 
@@ -231,7 +248,8 @@ fn shot_noise_moves_no_quantity() {
         let scan = images.scan(4e4, u64::from(recording));
         let frames = Frames::of(&scan);
         let candidates = particles::given(&scan, &options.places_px).unwrap();
-        let (subjects, _) = subjects::of(&scan, &frames, &instrument, &candidates, HALF).unwrap();
+        let (subjects, _) =
+            subjects::of(&scan, &frames, &instrument, (&candidates, candidates.len()), HALF).unwrap();
         let (at, differences) =
             model.get_or_insert_with(|| subjects[0].model(&local, &FREE, 0.1 * FINE).unwrap());
         let fit = subjects[0].normal(&local, at, differences, &FREE);
@@ -261,7 +279,7 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
         coefficients: Vec::new(),
         field: FieldOptics {
             coma: FieldComa { constant: (0.04, -0.001), per_mm: -0.127 },
-            focus: FocusSurface { curvature_um_per_mm2: 5.2, tilt_um_per_mm: (0.0, -3.8) },
+            focus: FocusSurface { curvature_um_per_mm2: 5.2, tilt_um_per_mm: (0.0, -3.8), scatter_um: 0.15 },
             ..FieldOptics::default()
         },
         numerical_aperture: 0.441,
@@ -311,6 +329,57 @@ fn the_optics_of_few_particles_are_taken_as_constant() {
         assert!(error.abs() < 4.0, "{key}: {error} standard deviations");
     }
     assert!(made.warnings.iter().any(|text| text.contains("taken as the same over the field")));
+}
+
+#[test]
+fn the_scatter_of_the_focus_is_that_of_the_particles_and_0_for_none() {
+    for scatter_um in [0.0, 0.4] {
+        let images = Images::of(&Truth { scatter_um, ..Truth::uniform() }, 3);
+        let made = images.fit(3e5, 2);
+        let found = made.coefficients.iter().find(|c| c.key == dependence::SCATTER).unwrap();
+        assert!((found.value - scatter_um).abs() < 1.96 * found.sd, "{found:?}, not {scatter_um}");
+        assert_eq!(
+            (found.value, made.field.focus.scatter_um > 0.0),
+            (made.field.focus.scatter_um, scatter_um > 0.0)
+        );
+    }
+}
+
+#[test]
+fn windows_are_as_wide_as_the_spacing_allows() {
+    let candidate = |k: usize, pitch: f64| particles::Candidate {
+        x: pitch * (k % 5) as f64,
+        y: pitch * (k / 5) as f64,
+        brightness: 1.0,
+    };
+    for (particles, pitch, half) in [(25, 34.0, 17), (25, 9.0, 8), (1, 34.0, usize::MAX)] {
+        let candidates: Vec<_> = (0..particles).map(|k| candidate(k, pitch)).collect();
+        assert_eq!(particles::half_spacing(&candidates), half);
+    }
+}
+
+/// A neighbor that is not to be fitted is masked all the same.
+#[test]
+fn the_light_of_particles_that_are_not_fitted_is_masked() {
+    let truth = Truth::uniform();
+    let images = Images::of(&truth, 1);
+    let mut scan = images.scan(3e5, 0);
+    // A second image of the particle, 11 px to the right.
+    let edge = images.edge;
+    let shifted = |plane: &Vec<u16>| -> Vec<u16> {
+        let light = |at: usize| if at % edge < 11 { 0.0 } else { f64::from(plane[at - 11]) - OFFSET - GLOW };
+        (0..plane.len()).map(|at| (f64::from(plane[at]) + light(at)).max(0.0) as u16).collect()
+    };
+    scan.planes = scan.planes.iter().map(shifted).collect();
+    let [x, y] = images.places_px[0];
+    let chi2 = |all_px: Vec<[f64; 2]>| {
+        let options = FieldOptions { all_px, ..options(vec![[x, y]]) };
+        let made = fit_field(&scan, &options, &|_| ()).unwrap();
+        (made.fitted.particles.len(), made.fitted.chi2_of_field)
+    };
+    let (particles, masked) = chi2(vec![[x + 1.0, y], [x + 11.0, y]]);
+    let (_, lit) = chi2(Vec::new());
+    assert!(particles == 1 && masked < 1.2 && lit > 5.0, "{masked}, {lit}");
 }
 
 /// The 95 % intervals of each term, over scans that differ by noise and the light of particles.

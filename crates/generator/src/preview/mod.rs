@@ -378,7 +378,9 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<SizeCurves
         };
         let at_peak = (noise * noise + counts * peak_counts).sqrt();
         let [width_px, height_px] = spot.size_px();
-        let sphere = Particle::sphere(1.0, 1.0, z_um / factor, d_um);
+        // Where the light is that of the scan: the corners of a field may be darker.
+        let [x, y] = scenario.settings.middle_px();
+        let sphere = Particle::sphere(x, y, z_um / factor, d_um);
         let all = scenario.renderer.accepted_light(&sphere).filter(|light| *light > 0.0);
         let share = |light: f64| all.map(|all| light / all);
         DepthFacts {
@@ -606,6 +608,12 @@ mod tests {
         let shown = on_sensor((40, 30), "", "");
         let far = shown.mean().depths[0];
         assert!(far.share.unwrap() < 0.7 && far.share_near.unwrap() > 0.98, "{far:?}");
+        // A corner is half as bright, 0.08 mm from the middle.
+        let vignetted = on_sensor((200, 150), "field: (light_per_mm2: -75)", "");
+        assert!(
+            vignetted.mean().depths.iter().all(|depth| depth.share_near.unwrap() < 1.01),
+            "{vignetted:?}"
+        );
     }
 
     #[test]

@@ -45,6 +45,18 @@ pub struct FocusSurface {
     /// Tilt: depth per distance along x and y.
     #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "um/mm")))]
     pub tilt_um_per_mm: (f64, f64),
+    /// Standard deviation of the depths in focus of particles about the surface (Gaussian, the same in all frames of a
+    /// track), as `microsig fit --field` measures it for dried particles; 0 for tracers in a fluid unless it is known.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "um")))]
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_zero"))]
+    pub scatter_um: f64,
+}
+
+/// Whether a value is the default of [`FocusSurface::scatter_um`].
+#[cfg(feature = "serde")]
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Slope of the chief ray: displacement of an image along x and y per distance of its particle from the
@@ -227,6 +239,8 @@ impl FieldOptics {
         ] {
             unless(slope.abs() <= 10.0, key, slope, "-10 to 10");
         }
+        let scatter_um = self.focus.scatter_um;
+        unless((0.0..=1e3).contains(&scatter_um), "focus.scatter_um", scatter_um, "0 to 1000");
         let narrowing = self.vignetting.meridional_per_mm2;
         unless(narrowing >= 0.0, "vignetting.meridional_per_mm2", narrowing, "a number >= 0");
         // At the corners and at the middles of the edges.
@@ -294,7 +308,7 @@ mod tests {
         };
         assert_eq!(FieldOptics::place(&settings, 501.0, 501.0), [0.0, 0.0]);
         let field = FieldOptics {
-            focus: FocusSurface { curvature_um_per_mm2: 5.0, tilt_um_per_mm: (1.0, -2.0) },
+            focus: FocusSurface { curvature_um_per_mm2: 5.0, tilt_um_per_mm: (1.0, -2.0), scatter_um: 0.0 },
             chief_ray: ChiefRay { slope: (0.01, 0.0), per_mm: -0.02 },
             distortion_per_mm2: 0.1,
             light_per_mm2: -1.0,

@@ -44,11 +44,35 @@ scores! {
         not_negative p68_z_um: Option<f64>,
         /// 95 % quantile of the distance from the plane, of all points.
         not_negative p95_z_um: Option<f64>,
+        /// Share of the points on the other side of the focus than their plane, of planes farther from it than the gate;
+        /// null without such planes.
+        fraction wrong_side: Option<f64>,
+        /// The same against planes that are fitted to the points: a tilt and a shift of each height are no errors.
+        pub fitted: Option<FittedPlanes>,
         /// The same over the height of the plane, um.
         pub over_height: Vec<PlaneBin>,
         /// The same over the distance from the middle of the image, px; empty if the size of the images is
         /// unknown.
         pub over_radius: Vec<PlaneBin>,
+    }
+
+    /// Errors of z against a plane fitted to the points of each height: by least squares in x and y, first to the points within
+    /// the gate of the given height, then, until they no longer change, to those within three robust standard deviations of
+    /// the fitted plane. The height alone is fitted to fewer than 12 points. Null if no height has three points.
+    pub struct FittedPlanes {
+        /// Number of planes.
+        pub n: usize,
+        /// Share of all points within the gate of their fitted plane.
+        fraction share_within: Option<f64>,
+        /// Root mean square distance of these along z.
+        not_negative rms_z_um: Option<f64>,
+        /// Median distance, of all points.
+        not_negative p50_z_um: Option<f64>,
+        /// 68 % quantile of the distance, of all points.
+        not_negative p68_z_um: Option<f64>,
+        /// Root mean square over the planes of the height of the fitted plane at the mean position of its points less the given
+        /// height.
+        not_negative rms_shift_um: Option<f64>,
     }
 
     /// A bin of these errors.
@@ -129,6 +153,8 @@ impl PlaneScore {
             p50_z_um: quantile(&away, 0.5),
             p68_z_um: quantile(&away, 0.68),
             p95_z_um: quantile(&away, 0.95),
+            wrong_side: facts.focus_um.and_then(|focus_um| wrong_side(&all, gate_z_um, focus_um)),
+            fitted: FittedPlanes::of(&all, gate_z_um),
             over_height: over_height(&all, gate_z_um, heights.into_values().collect()),
             over_radius: facts.sensor_px.map_or_else(Vec::new, |(w, h)| {
                 let width = 0.5 * w.hypot(h) / RADIUS_BINS as f64;
@@ -138,6 +164,118 @@ impl PlaneScore {
         };
         (score, all)
     }
+}
+
+fn wrong_side(all: &[PlanePoint], gate_z_um: f64, focus_um: f64) -> Option<f64> {
+    let far = all.iter().filter(|point| (point.height_um - focus_um).abs() > gate_z_um);
+    let is_wrong = |point: &&PlanePoint| {
+        let (plane, found) = (point.height_um - focus_um, point.height_um + point.error_um - focus_um);
+        plane * found < 0.0
+    };
+    ratio(far.clone().filter(is_wrong).count() as f64, far.count() as f64)
+}
+
+/// Fewest points to which a height, and a tilt, are fitted.
+const FEWEST: [usize; 2] = [3, 12];
+
+/// Rounds of selection and fit.
+const ROUNDS: usize = 20;
+
+impl FittedPlanes {
+    fn of(all: &[PlanePoint], gate_z_um: f64) -> Option<Self> {
+        let planes = Plane::fit(all, gate_z_um);
+        let mut sizes: Vec<f64> = all
+            .iter()
+            .filter_map(|point| {
+                let plane = planes.iter().find(|plane| plane.height_um == point.height_um)?;
+                Some((point.error_um - plane.error_um(point.x_px, point.y_px)).abs())
+            })
+            .collect();
+        sizes.sort_by(f64::total_cmp);
+        let within = sizes.partition_point(|size| *size < gate_z_um);
+        (!planes.is_empty()).then(|| FittedPlanes {
+            n: planes.len(),
+            share_within: ratio(within as f64, sizes.len() as f64),
+            rms_z_um: Errors::of(sizes[..within].iter().copied()).rms,
+            p50_z_um: quantile(&sizes, 0.5),
+            p68_z_um: quantile(&sizes, 0.68),
+            rms_shift_um: Errors::of(planes.iter().map(|plane| plane.shift_um)).rms,
+        })
+    }
+}
+
+/// A plane fitted to the errors of the points of a height (see [`FittedPlanes`]).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// The given height.
+    pub height_um: f64,
+    /// Mean position of its points, px.
+    middle_px: [f64; 2],
+    /// Error there, and its slope along x and y, um/px.
+    shift_um: f64,
+    slope: [f64; 2],
+}
+
+impl Plane {
+    /// The planes of all heights with enough points, the lowest first.
+    pub fn fit(all: &[PlanePoint], gate_z_um: f64) -> Vec<Self> {
+        let mut sorted = all.to_vec();
+        sorted.sort_by(|a, b| a.height_um.total_cmp(&b.height_um));
+        sorted
+            .chunk_by(|a, b| a.height_um == b.height_um)
+            .filter_map(|of| Self::of_height(of, gate_z_um))
+            .collect()
+    }
+
+    /// Height of the plane at a position above the given one, um.
+    pub fn error_um(&self, x_px: f64, y_px: f64) -> f64 {
+        let [x, y] = [x_px - self.middle_px[0], y_px - self.middle_px[1]];
+        self.shift_um + self.slope[0] * x + self.slope[1] * y
+    }
+
+    fn of_height(points: &[PlanePoint], gate_z_um: f64) -> Option<Self> {
+        let mut kept: Vec<&PlanePoint> =
+            points.iter().filter(|point| point.error_um.abs() < gate_z_um).collect();
+        let mut plane = None;
+        for _ in 0..ROUNDS {
+            let n = kept.len() as f64;
+            let mean = |of: fn(&PlanePoint) -> f64| kept.iter().map(|point| of(point)).sum::<f64>() / n;
+            let middle_px = [mean(|point| point.x_px), mean(|point| point.y_px)];
+            let shift_um = mean(|point| point.error_um);
+            let slope = match kept.len() {
+                n if n < FEWEST[0] => return plane,
+                n if n < FEWEST[1] => [0.0; 2],
+                _ => tilt(&kept, middle_px, shift_um),
+            };
+            let fitted = Plane { height_um: points[0].height_um, middle_px, shift_um, slope };
+            let away = |point: &PlanePoint| (point.error_um - fitted.error_um(point.x_px, point.y_px)).abs();
+            let mut sizes: Vec<f64> = kept.iter().map(|point| away(point)).collect();
+            sizes.sort_by(f64::total_cmp);
+            // 1.4826 median absolute deviations are a standard deviation.
+            let most = (3.0 * 1.4826 * quantile(&sizes, 0.5)?).clamp(f64::MIN_POSITIVE, gate_z_um);
+            let near: Vec<&PlanePoint> = points.iter().filter(|point| away(point) <= most).collect();
+            plane = Some(fitted);
+            if near == kept {
+                break;
+            }
+            kept = near;
+        }
+        plane
+    }
+}
+
+/// The slope along x and y, um/px; 0 if the points do not determine it.
+fn tilt(points: &[&PlanePoint], middle: [f64; 2], shift: f64) -> [f64; 2] {
+    let (mut xx, mut xy, mut yy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for point in points {
+        let [x, y, z] = [point.x_px - middle[0], point.y_px - middle[1], point.error_um - shift];
+        (xx, xy, yy, xz, yz) = (xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z);
+    }
+    let determinant = xx * yy - xy * xy;
+    if determinant <= 1e-6 * xx * yy {
+        return [0.0; 2];
+    }
+    [(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant]
 }
 
 fn over_height(all: &[PlanePoint], gate_z_um: f64, mut heights: Vec<f64>) -> Vec<PlaneBin> {
@@ -217,7 +355,35 @@ mod tests {
         );
         assert_eq!(score.over_radius.iter().map(|b| b.n).sum::<usize>(), 4);
         assert_eq!(score.p50_z_um, Some(1.5));
+        // All planes are within the gate of the focus, and have too few points.
+        assert_eq!((score.wrong_side, score.fitted), (None, None));
         let narrow = EvaluateOptions { border_px: 15.0, ..EvaluateOptions::default() };
         assert_eq!(PlaneScore::of(&planes, &points, &facts, &narrow).0.n, 3);
+    }
+
+    /// A slide that is tilted by 2 um over the image and 1 um too high, with one depth in ten on the wrong side: of these, none is an
+    /// error of the rest.
+    #[test]
+    fn a_tilted_slide_is_no_error_against_fitted_planes() {
+        let point = |k: u32| {
+            let (x_px, y_px) = (f64::from(k * 37 % 100) + 1.0, f64::from(k * 61 % 100) + 1.0);
+            let true_um = 31.0 + 0.02 * (x_px - 50.0) + 0.1 * if k % 2 == 0 { 1.0 } else { -1.0 };
+            let z_um = if k % 10 == 3 { -true_um } else { true_um };
+            TrackRow { frame: k % 2, track: -1, at: Position { x_px, y_px, z_um } }
+        };
+        let points = Points { rows: (0..100).map(point).collect(), has_z: true, ..Points::default() };
+        let planes = [PlaneRow { frame: 0, z_um: 30.0 }, PlaneRow { frame: 1, z_um: 30.0 }];
+        let facts = RecordingFacts {
+            sensor_px: Some((100.0, 100.0)),
+            depth_um: Some((-40.0, 40.0)),
+            focus_um: Some(0.0),
+            ..RecordingFacts::default()
+        };
+        let (score, _) = PlaneScore::of(&planes, &points, &facts, &EvaluateOptions::default());
+        let fitted = score.fitted.unwrap();
+        assert!(score.rmse_z_um.unwrap() > 1.1, "{:?}", score.rmse_z_um);
+        assert_eq!((score.wrong_side, fitted.n, fitted.share_within), (Some(0.1), 1, Some(0.9)));
+        assert!((fitted.rms_z_um.unwrap() - 0.1).abs() < 1e-2, "{fitted:?}");
+        assert!((fitted.rms_shift_um.unwrap() - 1.0).abs() < 0.1, "{fitted:?}");
     }
 }

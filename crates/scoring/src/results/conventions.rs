@@ -458,7 +458,7 @@ impl Converter {
 fn within(given: [f64; 3], names: [&str; 3], range: RangeInclusive<f64>) -> std::result::Result<(), String> {
     let is_wrong = |value: f64| !value.is_nan() && !range.contains(&value);
     given.iter().zip(names).find(|(value, _)| is_wrong(**value)).map_or(Ok(()), |(value, name)| {
-        Err(format!("{name} = {value:?}: expected {:e} to {:e}", range.start(), range.end()))
+        Err(format!("{name} = {value:?}: expected {:?} to {:e}", range.start(), range.end()))
     })
 }
 

@@ -71,7 +71,8 @@ fn drawn_share(scenario: &Scenario, d_um: f64, stack: &DepthScan) -> Option<[f64
     }
     let depth_factor = scenario.depth_factor();
     let shares = stack.depths_um.iter().zip(&stack.images).filter_map(|(z_um, spot)| {
-        let sphere = Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um);
+        let [x, y] = scenario.settings.middle_px();
+        let sphere = Particle::sphere(x, y, z_um / depth_factor, d_um);
         Some(spot.total / scenario.renderer.accepted_light(&sphere)?).filter(|share| share.is_finite())
     });
     shares.fold(None, |range: Option<[f64; 2]>, share| {

@@ -219,7 +219,7 @@ impl<'a> Truth<'a> {
         // A column of the matrix is a derivative of the velocity.
         let gradient = field.map_or(DMat3::NAN, |field| field.gradient(at, frame.t_s));
         let [by_x, by_y, by_z] = [gradient.x_axis, gradient.y_axis, gradient.z_axis];
-        let [dx_px, dy_px, dz_um] = self.by_optics(&particle);
+        let [dx_px, dy_px, dz_um] = self.by_optics(tracer, &particle);
         TrackRow {
             frame: frame.index,
             t_s: frame.t_s,
@@ -264,11 +264,11 @@ impl<'a> Truth<'a> {
 
     /// What the optics at a particle's place of the field add to its position in the image (px) and its
     /// physical depth (um).
-    fn by_optics(&self, particle: &Particle) -> [f64; 3] {
+    fn by_optics(&self, tracer: &Tracer, particle: &Particle) -> [f64; 3] {
         let Scenario { spec, settings, .. } = self.scenario;
         let field = spec.optics.field.unwrap_or_default();
         let [dx_px, dy_px, dz_um] = field.displacement(settings, particle);
-        [dx_px, dy_px, self.scenario.depth_factor() * dz_um]
+        [dx_px, dy_px, self.scenario.depth_factor() * (dz_um + self.viewer.focus_scatter_um(tracer))]
     }
 
     /// Time of the next frame, s, if the truth links the two.

@@ -4,7 +4,9 @@ use std::ops::Range;
 
 use flows::frame::{Frame, Streak, Tracer};
 use glam::DVec3;
+use microsig_core::random::normal;
 use microsig_core::render::Renderer;
+use microsig_core::stream::Purpose;
 use microsig_core::{Particle, Spheroid};
 
 use scenario::Scenario;
@@ -69,16 +71,25 @@ impl Viewer<'_> {
         (energy, rendered)
     }
 
-    /// The particle of a tracer. If the dataset has spheroids, those of aspect ratio 1 are also treated as
+    /// The particle of a tracer at the depth that its image shows. If the dataset has spheroids, those of aspect ratio 1 are also treated as
     /// spheroids, as the laws of emission differ.
     pub(crate) fn particle(&self, tracer: &Tracer) -> Particle {
         let at = self.scenario.scale.to_image(tracer.position);
+        let z_um = at.z_um + self.focus_scatter_um(tracer);
         let spheroid = || Spheroid::from_axis(tracer.aspect, tracer.axis.to_array());
         let particle = Particle {
             spheroid: self.scenario.layout.spheroids.then(spheroid),
-            ..Particle::sphere(at.x_px, at.y_px, at.z_um, tracer.d_um)
+            ..Particle::sphere(at.x_px, at.y_px, z_um, tracer.d_um)
         };
         Particle { c_int: self.scenario.cloud.c_int(tracer.c_int, &particle), ..particle }
+    }
+
+    /// By how much the image of a tracer is that of a greater depth, um, as in data files.
+    pub(crate) fn focus_scatter_um(&self, tracer: &Tracer) -> f64 {
+        match self.scenario.spec.optics.field.map_or(0.0, |field| field.focus.scatter_um) {
+            0.0 => 0.0,
+            sd => sd * normal(&mut self.scenario.streams.stream(Purpose::FocusScatter, 0, tracer.id as u32)),
+        }
     }
 
     /// Whether a particle's center is on the sensor.
