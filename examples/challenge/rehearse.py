@@ -156,7 +156,10 @@ def main(microsig, python, place):
     assert ranks["D", "matching"]["rank"] == ranks["D", "ncc"]["rank"] == 1, "the same program, once as a team and once as a baseline"
     honest = ["spots", *(["trackpy"] if python else [])]
     assert all(ranks["P", name]["scored"] == 3 for name in honest)
-    assert all(ranks["P", "cheater"]["rank"] > ranks["P", name]["rank"] for name in honest), ranks
+    # A program may find nothing where its parameters do not fit the noise; nobody who finds something is behind the grid.
+    for case in (case for case in scores["cases"] if case["track"] == "P"):
+        rank = {r["tracker"]: r["rank"] for r in case["results"] if r["status"] == "scored" and r["scores"][0]["value"] is not None}
+        assert all(rank["cheater"] > rank[name] for name in honest if name in rank), case
     for name, expected in [("late", f"received after the deadline {deadline}"), ("broken", "not a complete ZIP archive"),
                            ("elsewhere", "the submission is for odpc1 1.0.0, size smoke")]:
         assert expected in reasons[name], (name, reasons)

@@ -382,7 +382,7 @@ fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
         ("openpiv.txt", b"# x\ty\tu\tv\tflags\tmask\n1\t1\tx\t0\t0\t0\n".to_vec(), ":2: u = \"x\""),
         ("openpiv7.txt", b"# x\ty\tu\tv\tflags\tmask\n1\t1\t1\t0\t7\t0\n".to_vec(), ":2: flags = 7"),
         ("same.csv", b"frame,track,x_px,y_px,x_px\n0,0,1,1,2\n".to_vec(), "column x_px appears twice"),
-        ("pivlab.txt", b"PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n".to_vec(), ":3: "),
+        ("pivlab.txt", b"PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n".to_vec(), "give --dt"),
         ("binary.csv", vec![0xff; 4000], "fits no format"),
         ("column.csv", b"frame,track,x_px\n0,0,1\n".to_vec(), "expected columns frame, track, x_px, y_px"),
     ]

@@ -107,20 +107,20 @@ fn counts(out: &mut String, field: &FieldScore) {
     }
 }
 
+/// Errors along an axis.
+fn component(c: &ComponentErrors) -> String {
+    let n = number;
+    format!("bias {}  random {}  RMS {} px", signed(c.bias_px), n(c.random_px), n(c.rms_px))
+}
+
 /// Vectors, their errors against the main truth, outliers, what they resolve.
 fn vectors_in_short(out: &mut String, field: &FieldScore) {
     let (n, main) = (number, &field.main);
     counts(out, field);
-    for (name, of) in [("u", &main.u), ("v", &main.v)] {
-        let text = format!(
-            "bias {}  random {}  RMS {}  median {} px",
-            signed(of.bias_px),
-            n(of.random_px),
-            n(of.rms_px),
-            n(of.median_abs_px)
-        );
-        line(out, name, &text);
-    }
+    line(out, &field.against, &format!("u  {}", component(&main.u)));
+    line(out, "", &format!("v  {}", component(&main.v)));
+    let medians = [main.u.median_abs_px, main.v.median_abs_px].map(n);
+    line(out, "", &format!("median error: u {}  v {} px", medians[0], medians[1]));
     let nodes = &field.nodes;
     let text = format!(
         "{} beyond {} px  AEE {} px{}  valid nodes {}{}",
@@ -473,9 +473,6 @@ fn claimed(out: &mut String, name: &str, of: Option<&Uncertainty>) {
 
 fn vectors(out: &mut String, name: &str, a: &FieldErrors) {
     let n = number;
-    let component = |c: &ComponentErrors| {
-        format!("bias {}  random {}  RMS {} px", signed(c.bias_px), n(c.random_px), n(c.rms_px))
-    };
     line(out, name, &format!("u  {}", component(&a.u)));
     line(out, "", &format!("v  {}", component(&a.v)));
     line(out, &format!("  < {} px", a.outlier_threshold_px), &format!("u  {}", component(&a.u_inliers)));
