@@ -128,10 +128,9 @@ fn the_scatter_of_the_focus_is_a_constant_of_each_track() {
     }
     assert_eq!(tables[1]["optics_dz_um"], tables[2]["optics_dz_um"]);
     let scatter = |row: usize| tables[2]["optics_dz_um"][row] - tables[0]["optics_dz_um"][row];
-    let n = tables[2]["track"].len();
     let mut of_track = std::collections::BTreeMap::new();
-    for row in 0..n {
-        let known = of_track.entry(tables[2]["track"][row] as u64).or_insert(scatter(row));
+    for (row, track) in tables[2]["track"].iter().enumerate() {
+        let known = of_track.entry(*track as u64).or_insert(scatter(row));
         assert!((*known - scatter(row)).abs() < 1e-9, "{known}, {}", scatter(row));
     }
     // As in data files: 1.5 times as much is physical. Four standard errors.

@@ -365,7 +365,7 @@ pub fn twin(options: &TwinOptions) -> Result<Twinned> {
     for ((k, tracker), of_recording) in trackers.iter().enumerate().zip(&of_recording) {
         let result = run(tracker, k, &place, "twin", options, &mut warnings)?;
         let score = |folder: &Path, result: &Path| -> Result<Evaluation> {
-            evaluate_files(folder, &InputFile::from(result), &EvaluateOptions::default())
+            evaluate_files(folder, InputFile::from(result), &EvaluateOptions::default())
         };
         let on_recording = match of_recording {
             Some(result) if is_known => Some(score(&recorded.place, result)?),
@@ -451,7 +451,7 @@ fn run(
 
 /// The points of a result on the recording.
 fn found_points(result: &Path, recorded: &Recorded) -> Result<Vec<results::TrackRow>> {
-    match results::read(&InputFile::from(result), &Conventions::default().completed(&recorded.facts))? {
+    match results::read(InputFile::from(result), &Conventions::default().completed(&recorded.facts))? {
         TrackerResult::Points(points) => Ok(points.rows),
         TrackerResult::Field(_) => {
             Err(Error::input(format!("{}: expected particles, not a field", result.display())))
@@ -776,8 +776,11 @@ fn images(out: &Path, set: Vec<(String, String)>, options: &TwinOptions) -> Resu
     Ok(())
 }
 
+/// Name of a frame, width, and its light in recording and twin.
+type ShownFrame = (String, usize, [Vec<f32>; 2]);
+
 /// Some frames of both, as square roots of the counts above the background.
-fn frames(recorded: &Recorded, twin: &Path) -> Result<Vec<(String, usize, [Vec<f32>; 2])>> {
+fn frames(recorded: &Recorded, twin: &Path) -> Result<Vec<ShownFrame>> {
     let places = [recorded.place.as_path(), twin];
     let tables: Vec<Vec<FrameRow>> =
         places.iter().map(|place| read_rows(place, &["frame", "image"])).collect::<Result<_>>()?;

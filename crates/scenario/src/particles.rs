@@ -386,7 +386,7 @@ impl Particles {
     fn liquid(&self, problems: &mut Problems) -> Liquid {
         let mut liquid = Liquid::default();
         if let Some(b) = self.brownian {
-            liquid = Liquid { temperature_k: b.temperature_k, viscosity_pa_s: b.viscosity_pa_s, ..liquid };
+            liquid = Liquid { temperature_k: b.temperature_k, viscosity_pa_s: b.viscosity_pa_s };
         }
         if let Some(s) = self.settling {
             if self.brownian.is_some() && s.viscosity_pa_s != liquid.viscosity_pa_s {

@@ -323,7 +323,8 @@ mod tests {
     #[test]
     fn statistics_of_sorted_values_are_those_of_selection() {
         for n in [1, 2, 3, 10, 501, 1000] {
-            let value = |i: usize| (3.0 * normal(i)).mul_add(if i % 3 == 0 { 1.0 } else { 1e-3 }, -0.5);
+            let value =
+                |i: usize| (3.0 * normal(i)).mul_add(if i.is_multiple_of(3) { 1.0 } else { 1e-3 }, -0.5);
             let values: Vec<f32> =
                 (0..n).map(|i| if i % 7 == 0 { value(i).round() } else { value(i) }).collect();
             let mut expected = values.clone();

@@ -25,13 +25,16 @@ const MOST_PANELS: usize = 4;
 
 type Scored<'a> = &'a (Entry, Score);
 
+/// A value of a result, and its interval.
+type Reading = dyn Fn(Scored<'_>) -> (Option<f64>, Interval);
+
 /// What is drawn over a parameter.
 struct Quantity {
     /// Name and unit.
     title: String,
     /// What the bars are, if they are not 95 % intervals.
     bars: Option<&'static str>,
-    of: Box<dyn Fn(Scored<'_>) -> (Option<f64>, Interval)>,
+    of: Box<Reading>,
 }
 
 /// Plots of every score over each parameter; `px_per_um_s` turns velocities of the sweep into displacements (px).

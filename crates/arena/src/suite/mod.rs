@@ -199,7 +199,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     let published = options.against.as_ref().map(|folder| folder.join(PUBLISHED));
     let folders: Vec<PathBuf> = options.results.iter().chain(&published).cloned().collect();
     let mut entries = entries(&folders, (&record, datasets, &known), options.late)?;
-    let names = published.as_deref().map(|folder| entries_of(folder)).transpose()?.unwrap_or_default();
+    let names = published.as_deref().map(entries_of).transpose()?.unwrap_or_default();
     let more = participants::annotations(&mut entries, &known)?;
     let mut site = options.site.as_deref().map(|folder| Site::start(folder, options.force)).transpose()?;
     let partial = Partial::start(&options.out)?;

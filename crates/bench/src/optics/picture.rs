@@ -193,6 +193,9 @@ struct Curve {
     is_full: bool,
 }
 
+/// Name of an axis, curves, levels, and the least value.
+type Panel = (&'static str, Vec<Curve>, Vec<Level>, Option<f64>);
+
 /// A horizontal line with its name.
 type Level = (&'static str, f64);
 
@@ -238,7 +241,7 @@ fn charts(all: &[Optics], shown: &[Shown<'_>], text: &mut String, top: i32) -> D
         of_bounds(|bound| bound.crlb_z_um, |depth| depth.is_determined, true),
         of_bounds(|bound| bound.crlb_z_um, |depth| !depth.is_determined, false),
     );
-    let charts: [(&str, Vec<Curve>, Vec<Level>, Option<f64>); 4] = [
+    let charts: [Panel; 4] = [
         ("peak, counts", peaks, levels, Some(f64::INFINITY)),
         ("width (full), height, px", sizes, Vec::new(), None),
         ("bound of x (full), y, px", lateral, Vec::new(), Some(f64::INFINITY)),

@@ -127,6 +127,17 @@ pub(super) struct Outcome<'a> {
 }
 
 impl Outcome<'_> {
+    /// How much the foci of single particles scatter about the field's, and its standard deviation, um.
+    fn scatter(&self, singles: &[usize], of_field: &[Fit], dependence: &FieldDependence) -> (f64, f64) {
+        let residual = |&k: &usize| {
+            let local = &of_field[k].local;
+            let focus = dependence.at(self.subjects[k].place_of(local), local)[FOCUS];
+            let variance = of_field[k].quadratic.matrix.inverse().map_or(f64::NAN, |c| c.at(0, 0));
+            (local[FOCUS] - focus, of_field[k].chi2() * variance)
+        };
+        focus_scatter(&singles.iter().map(residual).collect::<Vec<_>>())
+    }
+
     pub(super) fn files(
         &self,
         fits: &[Fit],
@@ -145,13 +156,7 @@ impl Outcome<'_> {
             dependence.coefficients.push(Coefficient { key: LIGHT, value, sd, unit: "1/mm^2" });
         }
         if singles.len() >= FEWEST_OF_FOCUS {
-            let residuals = singles.iter().map(|&k| {
-                let local = &of_field[k].local;
-                let residual = local[FOCUS] - dependence.at(places(k), local)[FOCUS];
-                let variance = of_field[k].quadratic.matrix.inverse().map_or(f64::NAN, |c| c.at(0, 0));
-                (residual, of_field[k].chi2() * variance)
-            });
-            let (value, sd) = focus_scatter(&residuals.collect::<Vec<_>>());
+            let (value, sd) = self.scatter(&singles, of_field, &dependence);
             dependence.coefficients.push(Coefficient { key: SCATTER, value, sd, unit: "um" });
         }
         let (field, unresolved) = dependence.field(options.direction);
@@ -201,7 +206,6 @@ impl Outcome<'_> {
                 singles.len()
             ));
         }
-        let noise = frames.noise;
         let stage = |f: fn(f64, f64) -> f64, start: f64| {
             frames.stage_um.iter().map(|s| options.direction * (s - dependence.focus_um())).fold(start, f)
         };
@@ -211,7 +215,7 @@ impl Outcome<'_> {
             blur_um: dependence.blur_um(),
             focus_um: dependence.focus_um(),
             depths_um: [stage(f64::min, f64::INFINITY), stage(f64::max, f64::NEG_INFINITY)],
-            noise: [noise.background2, noise.per_count, noise.per_count2],
+            noise: [frames.noise.background2, frames.noise.per_count, frames.noise.per_count2],
             is_noise_measured: frames.is_noise_measured,
             // The histogram of the scan counts faint light as background.
             background: median(singles.iter().map(|&k| of_field[k].background()).collect()),

@@ -367,7 +367,7 @@ mod tests {
     fn a_tilted_slide_is_no_error_against_fitted_planes() {
         let point = |k: u32| {
             let (x_px, y_px) = (f64::from(k * 37 % 100) + 1.0, f64::from(k * 61 % 100) + 1.0);
-            let true_um = 31.0 + 0.02 * (x_px - 50.0) + 0.1 * if k % 2 == 0 { 1.0 } else { -1.0 };
+            let true_um = 31.0 + 0.02 * (x_px - 50.0) + 0.1 * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
             let z_um = if k % 10 == 3 { -true_um } else { true_um };
             TrackRow { frame: k % 2, track: -1, at: Position { x_px, y_px, z_um } }
         };

@@ -52,7 +52,7 @@ struct Placed {
 
 impl Placed {
     /// T x = `turn` (x - `center`) + `center` + `shift`.
-    fn new(inner: Field, turn: DMat3, center: DVec3, shift: DVec3) -> Field {
+    fn field(inner: Field, turn: DMat3, center: DVec3, shift: DVec3) -> Field {
         Box::new(Placed { inner: inner.into(), turn, shift: center - turn * center + shift })
     }
 
@@ -125,7 +125,7 @@ impl VelocityField for Placed {
 impl Transform for TranslatedParams {
     fn apply(&self, inner: Field) -> Result<Field> {
         let offset = DVec3::from_array(TRANSLATED.all_finite("offset_um", self.offset_um)?);
-        Ok(Placed::new(inner, DMat3::IDENTITY, DVec3::ZERO, offset))
+        Ok(Placed::field(inner, DMat3::IDENTITY, DVec3::ZERO, offset))
     }
 }
 
@@ -139,7 +139,7 @@ impl Transform for RotatedParams {
         };
         let (sin, cos) = libm::sincos(half);
         let turn = DMat3::from_quat(DQuat::from_xyzw(axis.x * sin, axis.y * sin, axis.z * sin, cos));
-        Ok(Placed::new(inner, turn, center, DVec3::ZERO))
+        Ok(Placed::field(inner, turn, center, DVec3::ZERO))
     }
 }
 
@@ -148,6 +148,6 @@ impl Transform for MirroredParams {
     fn apply(&self, inner: Field) -> Result<Field> {
         let center = self.axis.unit() * MIRRORED.finite("at_um", self.at_um)?;
         let turn = DMat3::from_diagonal(DVec3::ONE - 2.0 * self.axis.unit());
-        Ok(Placed::new(inner, turn, center, DVec3::ZERO))
+        Ok(Placed::field(inner, turn, center, DVec3::ZERO))
     }
 }
