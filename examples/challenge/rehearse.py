@@ -163,7 +163,7 @@ def main(microsig, python, place):
     for name, expected in [("late", f"received after the deadline {deadline}"), ("broken", "not a complete ZIP archive"),
                            ("elsewhere", "the submission is for odpc1 1.0.0, size smoke")]:
         assert expected in reasons[name], (name, reasons)
-    assert set(reasons) == {"late", "broken", "elsewhere"}, reasons
+    assert set(reasons) == {"late", "broken", "elsewhere", "spots"} and "scored in depth" in reasons["spots"], reasons
     assert (public / "board/index.html").is_file() and "matching" in (public / "board/index.html").read_text()
 
     # Nothing that is published tells the truth, until it is revealed.

@@ -57,11 +57,11 @@ def test_a_choice_may_be_the_default_of_a_key():
 def test_keys_that_need_new_tables_are_named():
     varied = {"optics.numerical_aperture": ms.uniform(0.28, 0.32)}
     with pytest.warns(UserWarning, match=r"vary optics\.numerical_aperture: .*render\.images: single"):
-        ms.Stream("ml_default", crop=(32, 32), vary=varied, set={"render.mode": "expected"})
+        stream(vary=varied, set={"render.mode": "expected"})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         single = {"render.mode": "expected", "render.images": "single"}
-        ms.Stream("ml_default", crop=(32, 32), vary=varied, set=single)
+        stream(vary=varied, set=single)
 
 
 def test_samples_are_the_beginnings_of_datasets():

@@ -119,6 +119,11 @@ fn vectors_in_short(out: &mut String, field: &FieldScore) {
     counts(out, field);
     line(out, &field.against, &format!("u  {}", component(&main.u)));
     line(out, "", &format!("v  {}", component(&main.v)));
+    // Where the main truth is another one, the usual one as well.
+    if let Some(central) = field.truths.get("central").filter(|_| field.against != "central") {
+        line(out, "central", &format!("u  {}", component(&central.u)));
+        line(out, "", &format!("v  {}", component(&central.v)));
+    }
     let medians = [main.u.median_abs_px, main.v.median_abs_px].map(n);
     line(out, "", &format!("median error: u {}  v {} px", medians[0], medians[1]));
     let nodes = &field.nodes;
