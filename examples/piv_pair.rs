@@ -20,8 +20,9 @@ pub(crate) fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let [dx, dy] = displacement(&frames[0].image(), &frames[1].image());
     let truth = frames[1].truth()?.displacements;
-    let mean =
-        |d: fn(&dataset::DisplacementRow) -> f64| truth.iter().map(d).sum::<f64>() / truth.len() as f64;
+    let mean = |d: fn(&storage::dataset::DisplacementRow) -> f64| {
+        truth.iter().map(d).sum::<f64>() / truth.len() as f64
+    };
     println!("correlation: {dx} px, {dy} px");
     println!("truth:       {:.3} px, {:.3} px", mean(|row| row.dx_px), mean(|row| row.dy_px));
     Ok(())

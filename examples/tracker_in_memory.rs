@@ -2,12 +2,12 @@
 //! continues a track. No file is written or read.
 #![expect(clippy::print_stdout, reason = "a program")]
 
-use dataset::{Columns, Values};
 use flows::fields::PoiseuilleParams;
 use generator::runner::Progress;
 use generator::setup::{Cloud, Microscope, Recording};
 use scoring::evaluate::{EvaluateOptions, Truth, evaluate_source};
 use scoring::results::Source;
+use storage::dataset::{Columns, Values};
 
 pub(crate) fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scope = Microscope::setting1().sensor(256, 256).depths_um(-30.0, -10.0).expected();

@@ -1,7 +1,7 @@
 //! `datapackage.json`.
 #![no_main]
 
-use dataset::manifest::Manifest;
+use storage::dataset::manifest::Manifest;
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
     let _ = Manifest::parse(text, "fuzz");

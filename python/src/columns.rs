@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use dataset::{Columns, Table, Values};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use storage::NumberRange;
+use storage::dataset::{Columns, Table, Values};
 
 /// Smallest and largest allowed value by the name of an option.
 pub(crate) fn ranges<'a>(

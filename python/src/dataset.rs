@@ -4,8 +4,6 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dataset::TableReader;
-use dataset::manifest::Manifest;
 use generator::runner::{DatasetPlace, GenerateOptions, MemoryDataset};
 use microsig_core::KEYS;
 use microsig_core::formats::tiff;
@@ -16,6 +14,8 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Assignment, Scenario};
+use storage::dataset::TableReader;
+use storage::dataset::manifest::Manifest;
 
 use crate::columns::{arrays, table};
 use crate::object::Object;

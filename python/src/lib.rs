@@ -41,7 +41,7 @@ fn command(py: Python<'_>, arguments: Vec<String>) -> u8 {
 /// The functions on which `microsig/*.py` is built.
 #[pymodule]
 fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add("__version__", ::dataset::manifest::GENERATOR_VERSION)?;
+    module.add("__version__", storage::dataset::manifest::GENERATOR_VERSION)?;
     module.add_function(wrap_pyfunction!(command, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
     arrow::add(module)?;

@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use arena::report;
 use bench::cli::{Variants, variant};
-use dataset::Columns;
 use generator::runner::DatasetPlace;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
@@ -14,6 +13,7 @@ use scenario::{self, Literal, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Hint, Score, Truth, UnitScores, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, LengthUnit, Origin, PairChoice, Source};
+use storage::dataset::Columns;
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use dataset::manifest::Manifest;
 use microsig_core::formats::pages::Pages;
+use storage::dataset::manifest::Manifest;
 use suite::leak::{Files, Known, guess_by_noise, guess_by_place, unzip};
 use suite::microsig::{fail, generate, json, path, run};
 

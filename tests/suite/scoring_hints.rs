@@ -1,10 +1,10 @@
 //! Mistakes of convention are detected and reported with the score without them.
 
-use dataset::RecordingFacts;
 use scoring::evaluate::field::FieldScore;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::evaluate::{EvaluateOptions, Hint, Score, evaluate_files, particles};
 use scoring::results::{Points, Position, TrackRow};
+use storage::dataset::RecordingFacts;
 
 /// A sequence of particles on straight lines, and a result with noise, misses, ghosts and broken tracks.
 pub(crate) fn scene() -> (TrueParticles, Points) {

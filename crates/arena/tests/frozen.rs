@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 
 use arena::report::{self, Named};
 use arena::suite::ScoreOptions;
-use dataset::{PlaneRow, RecordingFacts};
 use generator::runner::{GenerateOptions, Progress, SuiteOptions, SuiteSelection, generate, generate_suite};
 use microsig_core::render::Context;
 use scenario::Size;
@@ -16,6 +15,7 @@ use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, Versions, evaluate, evaluate_files};
 use scoring::results::{Conventions, Origin, read};
 use serde_json::{Map, Value};
+use storage::dataset::{PlaneRow, RecordingFacts};
 
 fn data() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/frozen")

@@ -9,10 +9,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use arena::report::{OnBoth, TrackerScores, TwinAbout, twin_page};
-use dataset::manifest::{Manifest, RECORDING};
-use dataset::{
-    CalibrationRow, FrameRow, PlaneRow, RecordingFacts, Row, ScanParticleRow, TrackRow, read_rows,
-};
 use fit::StagePositions;
 use generator::runner::{DatasetPlace, GenerateOptions, Progress, generate};
 use import::{ImportOptions, import};
@@ -23,6 +19,10 @@ use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
 use scoring::results::{self, Conventions, TrackerResult};
 use serde::Serialize;
 use storage::InputFile;
+use storage::dataset::manifest::{Manifest, RECORDING};
+use storage::dataset::{
+    CalibrationRow, FrameRow, PlaneRow, RecordingFacts, Row, ScanParticleRow, TrackRow, read_rows,
+};
 use storage::error::{Error, Result};
 use tracking::{GrayImage, METHODS, TrackOptions, track};
 

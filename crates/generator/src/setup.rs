@@ -23,7 +23,6 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use dataset::CalibrationRow;
 use flows::Tracer;
 use microsig_core::Particle;
 use microsig_core::render::Context;
@@ -34,6 +33,7 @@ use scenario::spec::{
     Sensor, Sequence, Spec, Timing,
 };
 use scenario::{Scenario, build};
+use storage::dataset::CalibrationRow;
 use storage::error::Result;
 use storage::save_bytes;
 

@@ -1,7 +1,7 @@
 //! The card of a recording, `README.md` of its folder.
 
-use dataset::manifest::{GENERATOR_VERSION, NoiseFacts, ScoringGates, coordinates};
 use storage::OutputFolder;
+use storage::dataset::manifest::{GENERATOR_VERSION, NoiseFacts, ScoringGates, coordinates};
 use storage::error::Result;
 
 use super::manifest::About;
@@ -106,7 +106,7 @@ fn images(about: &About<'_>) -> String {
 }
 
 fn stacks(about: &About<'_>, made: &Stacks) -> String {
-    let n = |place: &dataset::manifest::PlaceFacts| place.particles.unwrap_or(0);
+    let n = |place: &storage::dataset::manifest::PlaceFacts| place.particles.unwrap_or(0);
     if !made.is_field {
         return format!(
             "one stack, the average of {} particles nearest to the middle",

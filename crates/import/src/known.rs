@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use dataset::manifest::KnownFacts;
-use dataset::{FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, write_table};
 use storage::advice;
 use storage::advice::{flag, option};
+use storage::dataset::manifest::KnownFacts;
+use storage::dataset::{FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, write_table};
 use storage::error::{Error, Result};
 use storage::{InputFile, OutputFolder};
 

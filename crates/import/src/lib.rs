@@ -26,13 +26,13 @@ use microsig_core::render::Context;
 use serde::Serialize;
 
 use correction::Correction;
-use dataset::manifest::{MANIFEST, NoiseFacts, PlaceFacts};
 use fit::{Given, Scan, StagePositions};
 use frames::Frames;
 use generator::runner::Progress;
 use known::Known;
 use storage::advice;
 use storage::advice::option;
+use storage::dataset::manifest::{MANIFEST, NoiseFacts, PlaceFacts};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{InputFile, NumberRange};

@@ -1,12 +1,12 @@
 //! The manifest of a recording.
 
-use dataset::manifest::{
+use serde_json::{Map, Value, json};
+use storage::checksums::fingerprint;
+use storage::dataset::manifest::{
     Facts, GENERATOR_VERSION, LAYOUT_VERSION, Manifest, NoiseFacts, ParticleImageFacts, RECORDING, Resource,
     ScoringGates, SensorFacts, TimingFacts, coordinates, resource, seal as complete,
 };
-use dataset::{CalibrationRow, Row, ScanParticleRow, Table};
-use serde_json::{Map, Value, json};
-use storage::checksums::fingerprint;
+use storage::dataset::{CalibrationRow, Row, ScanParticleRow, Table};
 use storage::error::{Error, Result};
 use storage::folder::Partial;
 
@@ -155,7 +155,7 @@ fn manifest(about: &About<'_>) -> Manifest {
 impl Stacks {
     pub(crate) fn table(&self) -> Table {
         let about = "One row per image of the calibration stacks: averages of particles of a scan.";
-        let parts: &[&str] = if self.is_field { &[dataset::rows::PLACES] } else { &[] };
+        let parts: &[&str] = if self.is_field { &[storage::dataset::rows::PLACES] } else { &[] };
         CalibrationRow::table(parts).described(about)
     }
 }

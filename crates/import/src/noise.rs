@@ -1,7 +1,7 @@
 //! Noise of the camera, as the manifest states it.
 
-use dataset::manifest::NoiseFacts;
 use fit::{Scan, noise_of_repeats};
+use storage::dataset::manifest::NoiseFacts;
 
 /// The noise of a frame of the scan, whose background has this mean and standard deviation.
 pub(crate) fn of_scan(scan: &Scan, background: [f64; 2]) -> NoiseFacts {

@@ -4,7 +4,6 @@
 //! The model has its own z = 0, the stage another one. The distance between them is that at which the images
 //! of the model correlate best with the central calibration stack.
 
-use dataset::manifest::{OpticsFacts, WaveFacts};
 use generator::dataset::manifest::{self, wave_facts};
 use generator::runner::Bar;
 use microsig_core::render::Context;
@@ -12,6 +11,7 @@ use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use scenario::Scenario;
 use storage::InputFile;
+use storage::dataset::manifest::{OpticsFacts, WaveFacts};
 use storage::error::{Error, Result};
 use tracking::GrayImage;
 

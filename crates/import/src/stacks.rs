@@ -4,8 +4,6 @@
 
 use std::path::Path;
 
-use dataset::manifest::PlaceFacts;
-use dataset::{CalibrationRow, Row, ScanParticleRow, write_table};
 use fit::{Level, Scan};
 use microsig_core::Particle;
 use microsig_core::formats::tiff::{self, PixelScale, StackPlane};
@@ -15,6 +13,8 @@ use rayon::prelude::*;
 use storage::OutputFolder;
 use storage::advice;
 use storage::advice::{Advice, option};
+use storage::dataset::manifest::PlaceFacts;
+use storage::dataset::{CalibrationRow, Row, ScanParticleRow, write_table};
 use storage::error::{Error, Result};
 use tracking::GrayImage;
 

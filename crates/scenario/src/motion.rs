@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use dataset::{Row, TrackRow};
 use flows::fields::{RotatedParams, Transform, TranslatedParams};
 use flows::registry::DepthRange;
 use flows::scale::Scale;
 use flows::{Diameters, RecordedTracks, VelocityField};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use storage::dataset::{Row, TrackRow};
 
 use super::field::Field;
 use super::findings::Findings;

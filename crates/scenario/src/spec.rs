@@ -6,7 +6,6 @@
 
 use std::sync::LazyLock;
 
-use dataset::manifest::ScoringRules;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::{Lens, WaveOptics};
 use microsig_core::render::{GaussianSpot, RenderMethod, RendererSpec};
@@ -15,6 +14,7 @@ use microsig_core::{KEYS, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
+use storage::dataset::manifest::ScoringRules;
 
 pub use super::calibration::Calibration;
 pub use super::cylinder::Cylinder;

@@ -1,8 +1,9 @@
-//! Files and folders written atomically, checksums and locks; the errors of all verbs ([`error`],
+//! Files and folders written atomically, checksums and locks; the folder of a dataset as types ([`dataset`]); the errors of all verbs ([`error`],
 //! [`problem`]).
 
 pub mod advice;
 pub mod checksums;
+pub mod dataset;
 pub mod error;
 mod file;
 pub mod folder;

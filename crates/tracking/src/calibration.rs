@@ -10,10 +10,10 @@ use microsig_core::render::WaveOptics;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
-use dataset::manifest::{OpticsFacts, RECORDING};
-use dataset::{CalibrationRow, Row as _};
 use generator::runner::DatasetPlace;
 use rayon::prelude::*;
+use storage::dataset::manifest::{OpticsFacts, RECORDING};
+use storage::dataset::{CalibrationRow, Row as _};
 use storage::error::{Error, Result};
 use storage::input;
 

@@ -51,11 +51,11 @@ use glam::DVec3;
 use microsig_core::render::Context;
 use serde::Serialize;
 
-use dataset::Columns;
 use generator::runner::{DatasetPlace, Progress};
 use job::Job;
 use output::Output;
 use storage::advice::{Advice, flag, option};
+use storage::dataset::Columns;
 use storage::error::{Error, Result};
 use storage::range::faults;
 use storage::{NumberRange, OutputFile, advice};

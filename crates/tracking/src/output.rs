@@ -1,6 +1,6 @@
 //! Results of the baseline trackers as microsig's tables of particles or displacements.
 
-use dataset::{Columns, Values};
+use storage::dataset::{Columns, Values};
 
 use super::{ShapeEstimate, ShapeUncertainty};
 

@@ -2,8 +2,8 @@
 //! tells nothing about that of a frame.
 
 use super::denoise::PixelNoise;
-use dataset::manifest::RECORDING;
 use generator::runner::DatasetPlace;
+use storage::dataset::manifest::RECORDING;
 use storage::error::Result;
 
 /// Noise of a recording.

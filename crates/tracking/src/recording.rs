@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::gray_image::GrayImage;
-use dataset::RecordingFacts;
 use generator::runner::DatasetPlace;
+use storage::dataset::RecordingFacts;
 use storage::error::{Error, Result};
 
 /// The images of a dataset.

@@ -9,13 +9,13 @@ use super::croissant;
 use super::deadline::{Deadline, UNTIL};
 use super::splits::Train;
 use super::{COMMITMENT, SALT};
-use dataset::manifest::{
-    self, GENERATOR_VERSION, ResultKind, ScoringGates, ScoringRules, ZERO_OF_DATASETS, coordinates,
-};
-use dataset::{CalibrationRow, Row, TrackRow};
 use scenario::license::License;
 use scoring::ranking::ScoreDef;
 use storage::checksums::Fingerprint;
+use storage::dataset::manifest::{
+    self, GENERATOR_VERSION, ResultKind, ScoringGates, ScoringRules, ZERO_OF_DATASETS, coordinates,
+};
+use storage::dataset::{CalibrationRow, Row, TrackRow};
 
 /// Bibliographic data of a release.
 #[derive(Debug, Clone, Default)]

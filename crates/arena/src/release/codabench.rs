@@ -18,10 +18,10 @@ use serde_json::Value;
 use super::about::ReleaseTexts;
 use super::submission;
 use crate::package::Package;
-use dataset::manifest::ResultKind;
 use scoring::ranking::{Better, SCORES, ScoreDef, Subject};
 use storage::advice;
 use storage::advice::option;
+use storage::dataset::manifest::ResultKind;
 use storage::error::{Error, Result};
 use storage::{OutputFolder, TemporaryFolder};
 

@@ -9,11 +9,11 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::{MARK, ReleaseOptions};
-use dataset::manifest::{MANIFEST, Manifest, ScoringRules};
 use scenario::SCENARIO;
 use storage::advice;
 use storage::advice::flag;
 use storage::checksums::SHA256SUMS;
+use storage::dataset::manifest::{MANIFEST, Manifest, ScoringRules};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, check_replaceable};
 

@@ -45,7 +45,6 @@ use microsig_core::render::Context;
 use serde::Serialize;
 
 use crate::package::Package;
-use dataset::manifest::{MANIFEST, ResultKind, ScoringRules};
 use generator::dataset::secret;
 use generator::runner::{GenerateOptions, Progress, generate};
 use scenario::license::LICENSE;
@@ -56,6 +55,7 @@ use storage::OutputFolder;
 use storage::advice;
 use storage::advice::option;
 use storage::checksums::{self, SHA256SUMS};
+use storage::dataset::manifest::{MANIFEST, ResultKind, ScoringRules};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, remove_own};
 

@@ -9,14 +9,14 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use dataset::manifest::ScoringGates;
-use dataset::{FieldRow, RecordingFacts, Row};
 use scoring::evaluate::field::true_field;
 use scoring::evaluate::gate::Gate;
 use scoring::evaluate::matching::{Cost, optimal};
 use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint};
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Conventions, FlowVector};
+use storage::dataset::manifest::ScoringGates;
+use storage::dataset::{FieldRow, RecordingFacts, Row};
 use storage::error::Result;
 
 /// Maximum number of frames compared.

@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::deadline::Deadline;
-use dataset::RecordingFacts;
-use dataset::manifest::{Manifest, ResultKind, SuitePlace};
 use scoring::evaluate::measurement;
 use scoring::results::{self, Conventions, Format, Limits, TrackerResult};
 use storage::checksums::{SHA256SUMS, images_digest};
+use storage::dataset::RecordingFacts;
+use storage::dataset::manifest::{Manifest, ResultKind, SuitePlace};
 use storage::error::{Error, Result};
 use storage::input;
 use storage::{InputFile, TemporaryFolder};

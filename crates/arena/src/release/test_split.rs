@@ -6,12 +6,12 @@ use std::path::Path;
 use super::about::ReleaseTexts;
 use super::submission;
 use crate::package::Package;
-use dataset::manifest::{self, MANIFEST, Manifest, Resource, SuitePlace, TableSchema};
-use dataset::{FrameRow, Row, TableReader};
 use generator::dataset::calibration;
 use scenario::Recordings;
 use scenario::license::LICENSE;
 use storage::checksums::{self, SHA256SUMS};
+use storage::dataset::manifest::{self, MANIFEST, Manifest, Resource, SuitePlace, TableSchema};
+use storage::dataset::{FrameRow, Row, TableReader};
 use storage::error::{Error, Result};
 
 /// Published timing keys: none that are derived from the truth, and no seed.

@@ -60,7 +60,7 @@ fn a_truth_that_was_not_promised_is_not_published() {
         test_set: Vec::new(),
         exact_times: false,
         fields: false,
-        rules: dataset::manifest::ScoringRules::default(),
+        rules: storage::dataset::manifest::ScoringRules::default(),
         codabench: false,
         wheel: None,
         deadline: None,

@@ -24,7 +24,6 @@ pub use page::{Annotations, page};
 pub use release::{SuiteReleaseOptions, published_test, release, suite_template};
 
 use crate::report;
-use dataset::manifest::GENERATOR_VERSION;
 use entry::Entry;
 use generator::runner::{SuiteRecord, SuiteSelection, check_rules};
 use scenario::{Metric, Size, Split, Suite, SuiteCase};
@@ -32,6 +31,7 @@ use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, UnitScores, evaluate
 use scoring::ranking::{Contestant, Pairs, ScoreDef, pairs, ranks_fields};
 use site::Site;
 use storage::OutputFolder;
+use storage::dataset::manifest::GENERATOR_VERSION;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 

@@ -24,11 +24,11 @@ use crate::package::Package;
 use crate::release::submission::{SUBMISSION, results_header, template};
 use crate::release::{Deadline, Publication, ReleaseOptions, Released, release as release_dataset};
 use crate::report::document;
-use dataset::manifest::ScoringRules;
 use generator::runner::{Progress, RECORD, SuiteRecord, SuiteSelection, check_rules};
 use scenario::{Split, Suite, SuiteCase, TrackSpec};
 use scoring::ranking::ranks_fields;
 use storage::checksums::{self, Fingerprint, SHA256SUMS, images_digest};
+use storage::dataset::manifest::ScoringRules;
 use storage::error::{Error, Result};
 use storage::{OutputFolder, TemporaryFolder, input, save_changed};
 

@@ -9,8 +9,8 @@ use super::argument::folder;
 use super::options::{ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use arena::release::{Deadline, Publication, ReleaseOptions, release};
-use dataset::manifest::ScoringRules;
 use scenario::Assignment;
+use storage::dataset::manifest::ScoringRules;
 use storage::error::Result;
 
 /// Make a challenge: a public package and the withheld truth

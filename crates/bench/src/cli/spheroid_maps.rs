@@ -3,10 +3,10 @@
 use microsig_core::Spheroid;
 use rayon::prelude::*;
 
-use dataset::{Columns, Values};
 use generator::runner::Progress;
 use scenario::Scenario;
 use scoring::evaluate::crlb::{SpheroidBound, SpheroidBounds};
+use storage::dataset::{Columns, Values};
 use storage::error::{Error, Result};
 use tracking::ParticleShape;
 

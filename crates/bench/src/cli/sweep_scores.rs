@@ -11,12 +11,12 @@ use super::Common;
 use super::output::{say, warn};
 use super::track::{TrackerOptions, methods};
 use arena::report;
-use dataset::RecordingFacts;
 use generator::runner::{SweepOptions, Swept};
 use scenario::Case;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use storage::InputFile;
 use storage::checksums::SHA256SUMS;
+use storage::dataset::RecordingFacts;
 use storage::error::{Error, Result};
 use tracking::{TrackOptions, track};
 

@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 
 use super::ExportFormat;
 use arena::package::Package;
-use dataset::{BoxRow, FrameRow, Row, read_rows};
 use generator::runner::DatasetPlace;
+use storage::dataset::{BoxRow, FrameRow, Row, read_rows};
 use storage::error::{Error, Result};
 
 /// The boxes of all frames.

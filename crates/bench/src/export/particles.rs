@@ -5,10 +5,10 @@ use std::fmt::Write;
 use maud::Render;
 
 use super::ExportFormat;
-use dataset::RecordingFacts;
 use generator::runner::DatasetPlace;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::Position;
+use storage::dataset::RecordingFacts;
 use storage::error::{Error, Result};
 
 /// A true particle in one frame.

@@ -2,9 +2,9 @@
 //! image velocimetry, as JSON-LD: data set, distributions, setup and its parameters (Metadata4Ing, QUDT
 //! units).
 
-use dataset::manifest::{Facts, MANIFEST, Manifest, RECORDING, Resource};
 use generator::runner::DatasetPlace;
 use serde_json::{Value, json};
+use storage::dataset::manifest::{Facts, MANIFEST, Manifest, RECORDING, Resource};
 use storage::error::{Error, Result};
 
 /// The file, and the number of distributions.

@@ -3,11 +3,11 @@
 
 mod picture;
 
-use dataset::{USUAL_N_S, digits, usual_ppp};
 use generator::preview::{DepthFacts, Preview, lines};
 use scenario::{CylinderFacts, Scenario};
 use scoring::evaluate::crlb::{DepthBound, DepthBounds, PositionBound};
 use serde::Serialize;
+use storage::dataset::{USUAL_N_S, digits, usual_ppp};
 use storage::error::Result;
 
 pub(crate) use picture::MOST;

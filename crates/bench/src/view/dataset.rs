@@ -11,11 +11,11 @@ use serde_json::{Value, json};
 
 use super::columns::{Indexed, by_column, list};
 use super::optics;
-use dataset::manifest::Manifest;
-use dataset::{FieldRow, FrameRow, Row, TrackRow};
 use generator::dataset::truth::depth;
 use microsig_core::visibility::DepthScan;
 use scenario::{self, Scenario};
+use storage::dataset::manifest::Manifest;
+use storage::dataset::{FieldRow, FrameRow, Row, TrackRow};
 use storage::error::{Error, Result};
 use storage::input;
 

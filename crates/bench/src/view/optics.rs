@@ -5,10 +5,10 @@ use microsig_core::Particle;
 use serde_json::{Value, json};
 
 use super::columns::list;
-use dataset::DepthRow;
 use generator::dataset::truth::depth::ParticleImage;
 use microsig_core::visibility::{DepthScan, ScanImage};
 use scenario::Scenario;
+use storage::dataset::DepthRow;
 use storage::error::Result;
 
 /// Maximum half side of a crop, px.

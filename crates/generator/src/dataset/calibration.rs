@@ -5,14 +5,14 @@
 //! range and reach its upper end; they are the same for all sizes. Stacks at several places of the field of
 //! view are parts of the dataset's sensor: the renderer draws the particle at its place in the frame.
 
-use dataset::manifest::PlaceFacts;
-use dataset::rows::{PLACES, SIZES};
-use dataset::{CalibrationRow, Row, Table, write_table};
 use microsig_core::formats::tiff::StackPlane;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::{Image, Sensor};
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
+use storage::dataset::manifest::PlaceFacts;
+use storage::dataset::rows::{PLACES, SIZES};
+use storage::dataset::{CalibrationRow, Row, Table, write_table};
 
 use super::Camera;
 use crate::preview::depth_of_field_um;

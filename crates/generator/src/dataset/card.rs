@@ -1,6 +1,6 @@
 //! The dataset card, `README.md` of a dataset.
 
-use dataset::manifest::{
+use storage::dataset::manifest::{
     GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts, ZERO_OF_DATASETS, coordinates,
 };
 

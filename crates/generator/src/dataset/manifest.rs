@@ -10,16 +10,16 @@ use super::truth::Census;
 use super::truth::depth::ParticleImage;
 use super::{IMAGES, Ledger, Stem, calibration};
 use crate::preview::{Preview, SizeCurves};
-use dataset::Table;
-use dataset::manifest::{
-    Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts, OpticsFacts,
-    ParticleImageFacts, Resource, ScoringGates, SensorFacts, SizeFacts, SnrFacts, TimingFacts,
-    TruthGridFacts, WaveFacts, ZERO_OF_DATASETS, coordinates, resource, seal,
-};
 use scenario::license::License;
 use scenario::spec::{Motion, Timing};
 use scenario::{Scenario, Weighting};
 use storage::checksums::{Fingerprint, fingerprint};
+use storage::dataset::Table;
+use storage::dataset::manifest::{
+    Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts, OpticsFacts,
+    ParticleImageFacts, Resource, ScoringGates, SensorFacts, SizeFacts, SnrFacts, TimingFacts,
+    TruthGridFacts, WaveFacts, ZERO_OF_DATASETS, coordinates, resource, seal,
+};
 use storage::error::{Error, Result};
 use storage::folder::Partial;
 

@@ -24,8 +24,8 @@ pub use contact_sheet::ContactSheet;
 pub(crate) use ledger::{FrameEntry, Ledger};
 pub use source::copy;
 
-use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table};
 use scenario::{Recordings, Scenario};
+use storage::dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table};
 
 /// The tables that a dataset of this scenario can hold.
 pub fn tables(scenario: &Scenario) -> Vec<Table> {

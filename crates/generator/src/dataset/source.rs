@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use dataset::manifest::MANIFEST;
 use microsig_core::formats::settings_file;
+use storage::dataset::manifest::MANIFEST;
 
 use super::secret;
 use scenario::license::LICENSE;

@@ -301,7 +301,7 @@ pub fn infeasible(
     snr: Option<f64>,
     [background, noise]: [f64; 2],
 ) -> Vec<String> {
-    let mut warnings = dataset::hopeless(n_ppp, n_s, snr);
+    let mut warnings = storage::dataset::hopeless(n_ppp, n_s, snr);
     // Counts below -0.5 become 0.
     let clipped = 0.5 * libm::erfc((background + 0.5) / (std::f64::consts::SQRT_2 * noise));
     if scenario.spec.image_format() == ImageFormat::Integer && noise > 0.0 && clipped > MOST_CLIPPED {
@@ -567,7 +567,7 @@ mod tests {
         let of = |optics: &str, number: &str| preview(optics, &format!("particles: (number: {number})"));
         let said = |shown: &Preview, text: &str| shown.warnings.iter().any(|warning| warning.contains(text));
         let crowded = of("", "ppp(0.02)");
-        let usual = dataset::usual_ppp(crowded.particles_per_px, crowded.source_density).unwrap();
+        let usual = storage::dataset::usual_ppp(crowded.particles_per_px, crowded.source_density).unwrap();
         assert!((crowded.particles_per_px / 0.02 - 1.0).abs() < 0.01 && crowded.source_density > 1.0);
         assert!(
             said(&crowded, "images overlap almost everywhere")

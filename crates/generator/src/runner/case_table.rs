@@ -4,7 +4,7 @@ use std::fs::File;
 use std::ops::Range;
 use std::path::Path;
 
-use dataset::TableReader;
+use storage::dataset::TableReader;
 use storage::error::Result;
 
 use super::sweep::Outcome;

@@ -14,12 +14,12 @@ use crate::dataset::manifest;
 use crate::dataset::truth::{Census, Truth};
 use crate::dataset::{Camera, Ledger, calibration, card, source, truth};
 use crate::preview::{self, Preview};
-use dataset::manifest::{GENERATOR_VERSION, MANIFEST};
 use microsig_core::visibility::DepthScan;
 use scenario::{SCENARIO, Scenario, write};
 use storage::advice;
 use storage::advice::flag;
 use storage::checksums::{Fingerprint, fingerprint};
+use storage::dataset::manifest::{GENERATOR_VERSION, MANIFEST};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, Partial, check_replaceable, partial_name};
 

@@ -18,11 +18,13 @@ use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::manifest::{bit_depth, manifest};
 use crate::dataset::truth::field::ScenarioFlow;
 use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
-use dataset::manifest::{MANIFEST, Manifest, Resource, resource};
-use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow};
 use microsig_core::visibility::DepthScan;
 use scenario::Scenario;
 use storage::checksums::Hashing;
+use storage::dataset::manifest::{MANIFEST, Manifest, Resource, resource};
+use storage::dataset::{
+    BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow,
+};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, check_replaceable};
 

@@ -5,11 +5,11 @@ use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dataset::manifest::Manifest;
-use dataset::{CalibrationRow, RecordingFacts, Row, TableReader};
 use microsig_core::formats::{data_file, settings_file, tiff};
 use microsig_core::sensor::{Counts, Image};
 use microsig_core::{Particle, Settings};
+use storage::dataset::manifest::Manifest;
+use storage::dataset::{CalibrationRow, RecordingFacts, Row, TableReader};
 
 use super::memory::MemoryDataset;
 use crate::dataset::calibration::CalibrationStack;

@@ -19,11 +19,11 @@ use super::progress::Progress;
 use super::shard::Shard;
 use super::sweep::{Outcome, Swept, attempt, reason, refuse_existing};
 use super::verify::verify;
-use dataset::manifest::{MANIFEST, Manifest};
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
 use storage::advice;
 use storage::advice::option;
 use storage::checksums::{Fingerprint, SHA256SUMS};
+use storage::dataset::manifest::{MANIFEST, Manifest};
 use storage::error::{Error, Result};
 use storage::{TemporaryFolder, read_text, save_changed};
 

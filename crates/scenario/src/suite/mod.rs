@@ -12,8 +12,8 @@ use std::sync::Arc;
 pub use read::suite_schema;
 pub use spec::{AxisLabel, LadderSpec, Size, SizeSpec, Sizes, SuiteSpec, TrackSpec};
 
-pub use dataset::manifest::Metric;
-use dataset::manifest::{ScoringRules, SuitePlace};
+pub use storage::dataset::manifest::Metric;
+use storage::dataset::manifest::{ScoringRules, SuitePlace};
 
 use super::load::{Assignment, set};
 use super::shipped::{SHIPPED, shipped_suites};

@@ -1,10 +1,10 @@
 //! The keys of a suite file.
 
-use dataset::manifest::Metric;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use storage::advice;
 use storage::advice::option;
+use storage::dataset::manifest::Metric;
 
 /// A suite: a frozen, named set of datasets in tracks, by which trackers are compared.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use crate::results::Points;
-use dataset::BoxRow;
+use storage::dataset::BoxRow;
 
 scores! {
     /// Average precision and recall of boxes.

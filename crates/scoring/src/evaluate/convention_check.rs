@@ -553,7 +553,7 @@ mod tests {
     use super::*;
     use crate::evaluate::{EvaluateOptions, Score, particles};
     use crate::results::{Source, TrackerResult};
-    use dataset::RecordingFacts;
+    use storage::dataset::RecordingFacts;
 
     /// Particles that move by 2 px a frame, at places of no order.
     fn truth() -> TrueParticles {

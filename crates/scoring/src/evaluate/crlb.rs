@@ -25,8 +25,8 @@ use serde::Serialize;
 use super::curves::{Bin, Curve};
 use super::detection::Detection;
 use super::statistics::quantile;
-use dataset::manifest::ScoringGates;
 use scenario::{Scenario, spec};
+use storage::dataset::manifest::ScoringGates;
 use storage::error::Result;
 
 /// Error of the expected images relative to their peaks; the bound is needed to a few percent.

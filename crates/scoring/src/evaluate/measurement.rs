@@ -6,10 +6,10 @@ use std::path::Path;
 
 use crate::results::sheet::shorten;
 use crate::results::{Conventions, Limits, TrackerResult};
-use dataset::manifest::MANIFEST;
-use dataset::{FieldRow, RecordingFacts, Row, TrackRow};
 use generator::runner::{CASES, CaseReader};
 use storage::checksums::fingerprint;
+use storage::dataset::manifest::MANIFEST;
+use storage::dataset::{FieldRow, RecordingFacts, Row, TrackRow};
 use storage::error::{Error, Result};
 use storage::input;
 

@@ -82,8 +82,6 @@ pub mod units;
 
 use crate::results::{Field, Points, TrackerResult};
 use convention_check::ConventionCheck;
-use dataset::RecordingFacts;
-use dataset::manifest::{GENERATOR_VERSION, ScoringGates};
 use detection::Detection;
 use field::true_field::TrueFields;
 use gate::Gate;
@@ -94,6 +92,8 @@ pub use options::EvaluateOptions;
 pub use read::{Truth, evaluate_files, evaluate_source};
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use storage::advice;
+use storage::dataset::RecordingFacts;
+use storage::dataset::manifest::{GENERATOR_VERSION, ScoringGates};
 use storage::error::{Error, Result};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};

@@ -328,7 +328,7 @@ mod tests {
     use crate::evaluate::gate::Gate;
     use crate::evaluate::matching::{Cost, optimal};
     use crate::results::{Position, TrackRow, Velocities};
-    use dataset::RecordingFacts;
+    use storage::dataset::RecordingFacts;
 
     /// Scores a result at the true positions x = 100 + 1000 t + 50,000 t^2 px, at 2 um/px and t = 0, 2, 7, 9
     /// ms.

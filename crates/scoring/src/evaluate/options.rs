@@ -3,9 +3,9 @@
 use super::gate::{Edge, Gate, Shape};
 use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};
-use dataset::manifest::{ScoringGates, ScoringRules};
 use microsig_core::render::Context;
 use storage::advice::{Named, flag, option};
+use storage::dataset::manifest::{ScoringGates, ScoringRules};
 use storage::error::{Error, Result};
 use storage::range::faults;
 use storage::{NumberRange, advice};

@@ -8,8 +8,8 @@ use serde::Serialize;
 use super::EvaluateOptions;
 use super::statistics::{Errors, quantile, ratio};
 use crate::results::Points;
-use dataset::manifest::ScoringGates;
-use dataset::{PlaneRow, RecordingFacts};
+use storage::dataset::manifest::ScoringGates;
+use storage::dataset::{PlaneRow, RecordingFacts};
 
 /// Bins over the distance from the middle of the image.
 const RADIUS_BINS: usize = 8;

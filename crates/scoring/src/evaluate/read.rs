@@ -9,12 +9,12 @@ use super::measurement::{self, TableSize};
 use super::truth::{self, TrueParticles};
 use super::{EvaluateOptions, Evaluation, Score, evaluate};
 use crate::results::{Conventions, Limits, Source, TrackerResult};
-use dataset::{BoxRow, FieldRow, PlaneRow, RecordingFacts, Row, TrackRow};
 use generator::runner::MemoryDataset;
 use scenario::Scenario;
 use storage::InputFile;
 use storage::advice;
 use storage::advice::flag;
+use storage::dataset::{BoxRow, FieldRow, PlaneRow, RecordingFacts, Row, TrackRow};
 use storage::error::{Error, Result};
 
 /// What results are scored against: the parts of a dataset's truth that a result of its kind needs.
@@ -64,7 +64,7 @@ impl Truth {
         }
         if facts.is_recording {
             if path.join(PlaneRow::PATH).exists() {
-                truth.planes = Some(dataset::read_rows(path, &["frame", "z_um"])?);
+                truth.planes = Some(storage::dataset::read_rows(path, &["frame", "z_um"])?);
             }
             if !path.join(TrackRow::PATH).exists() {
                 return Ok((Truth { facts, ..truth }, Limits::default()));
@@ -78,7 +78,7 @@ impl Truth {
         truth.particles = Some(particles);
         if path.join(BoxRow::PATH).exists() {
             let needed = ["frame", "x_px", "y_px", "w_px", "h_px", "visible"];
-            truth.boxes = Some(dataset::read_rows(path, &needed)?);
+            truth.boxes = Some(storage::dataset::read_rows(path, &needed)?);
         }
         let field = path.join(FieldRow::PATH);
         let field = if field.exists() { TableSize::of(&field)? } else { TableSize::default() };

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use dataset::manifest::Metric;
+use storage::dataset::manifest::Metric;
 
 use super::gate::Gate;
 use super::hint::Hint;

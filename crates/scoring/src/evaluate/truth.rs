@@ -15,10 +15,10 @@ use crate::results::sheet::TextTable;
 use crate::results::{
     Conventions, Converter, PARTICLES, Points, Position, TrackRow, VelocityUnit, read_points,
 };
-use dataset::{FrameRow, RecordingFacts, Row, TableReader};
 use generator::runner::DatasetPlace;
 use microsig_core::Spheroid;
 use storage::checksums::Hashing;
+use storage::dataset::{FrameRow, RecordingFacts, Row, TableReader};
 use storage::error::{Error, Result};
 use storage::input;
 
@@ -88,7 +88,7 @@ impl TrueParticles {
     /// the facts is replaced. Also returns the size of its table.
     pub(super) fn of_dataset(dataset: &Path, facts: RecordingFacts) -> Result<(Self, TableSize)> {
         facts.needs_truth(dataset)?;
-        let path = dataset.join(dataset::TrackRow::PATH);
+        let path = dataset.join(storage::dataset::TrackRow::PATH);
         let name = path.display().to_string();
         let table = TableReader::new(&name, Hashing::new(input::open(&path)?))?;
         let columns = Present::of(|name| table.column(name).is_some());
@@ -107,7 +107,7 @@ impl TrueParticles {
             *recorded = found.sha256.to_string();
         }
         if dataset.join(FrameRow::PATH).exists() {
-            truth.times_s = times(&dataset::read_rows::<FrameRow>(dataset, &["frame", "t_s"])?);
+            truth.times_s = times(&storage::dataset::read_rows::<FrameRow>(dataset, &["frame", "t_s"])?);
         }
         Ok((truth, size))
     }
@@ -115,12 +115,13 @@ impl TrueParticles {
     /// The truth in rows of a dataset.
     pub fn of_rows<'r>(
         facts: RecordingFacts,
-        tracks: impl Iterator<Item = &'r dataset::TrackRow>,
+        tracks: impl Iterator<Item = &'r storage::dataset::TrackRow>,
         frames: &[FrameRow],
     ) -> Result<Self> {
         let mut rows = Rows::new(facts, Present::of(|_| true))?;
         for row in tracks {
-            rows.add(row).map_err(|what| Error::input(format!("{}: {what}", dataset::TrackRow::PATH)))?;
+            rows.add(row)
+                .map_err(|what| Error::input(format!("{}: {what}", storage::dataset::TrackRow::PATH)))?;
         }
         Ok(TrueParticles { times_s: times(frames), ..rows.truth() })
     }
@@ -323,7 +324,7 @@ impl Rows {
     }
 
     /// Adds a row; returns `false` if it has no coordinates.
-    fn add(&mut self, row: &dataset::TrackRow) -> std::result::Result<bool, String> {
+    fn add(&mut self, row: &storage::dataset::TrackRow) -> std::result::Result<bool, String> {
         let Rows { truth, columns, converter } = self;
         let frame = converter.frame(f64::from(row.frame))?;
         let z_um = if columns.z { row.z_um } else { 0.0 };

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use csv::ByteRecord;
-use dataset::{Columns, Values};
+use storage::dataset::{Columns, Values};
 
 /// The first lines with a decimal comma and with a decimal point; 0 if there is none yet.
 #[derive(Debug, Default)]

@@ -9,9 +9,9 @@ use serde::Deserialize;
 
 use super::Format;
 use super::table::{BoxSize, Position, TrackRow};
-use dataset::{LARGEST_UM, RecordingFacts};
 use microsig_core::formats::arrangement::unit_um;
 use storage::advice::{Advice, option};
+use storage::dataset::{LARGEST_UM, RecordingFacts};
 use storage::error::{Error, Result};
 use storage::range::faults;
 use storage::{NumberRange, advice};

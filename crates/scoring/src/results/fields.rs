@@ -213,8 +213,12 @@ impl FieldRows {
                     format!("{axis} = {at:?} px: expected at most {LARGEST_PX:e} px in size")
                 }
                 (_, Some(size)) => format!("{size:?}: expected a displacement of at most 1e7 px"),
-                _ if v.at.z_um.abs() > dataset::LARGEST_UM => {
-                    format!("z = {:?} um: expected at most {:e} um in size", v.at.z_um, dataset::LARGEST_UM)
+                _ if v.at.z_um.abs() > storage::dataset::LARGEST_UM => {
+                    format!(
+                        "z = {:?} um: expected at most {:e} um in size",
+                        v.at.z_um,
+                        storage::dataset::LARGEST_UM
+                    )
                 }
                 _ => continue,
             };

@@ -27,10 +27,10 @@ mod xml;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use dataset::Columns;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use sheet::TextTable;
+use storage::dataset::Columns;
 
 pub(crate) use canonical::PARTICLES;
 pub use canonical::{field as read_field, points as read_points};

@@ -7,8 +7,8 @@ use std::cell::RefCell;
 use std::collections::BTreeSet;
 
 use csv::ByteRecord;
-use dataset::Columns;
 use microsig_core::Spheroid;
+use storage::dataset::Columns;
 
 pub use super::cells::Cells;
 use super::cells::{Decimals, Place, number};

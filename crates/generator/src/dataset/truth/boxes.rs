@@ -1,10 +1,10 @@
 //! `truth/boxes.csv`: boxes and masks of particle images, for detectors.
 
-use dataset::BoxRow;
 use flows::frame::Frame;
 use microsig_core::visibility::Outline;
 use scenario::Scenario;
 use scenario::spec::Diameter;
+use storage::dataset::BoxRow;
 
 use super::Sight;
 

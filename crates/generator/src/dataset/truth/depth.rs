@@ -2,11 +2,11 @@
 //! depth.
 
 use super::field;
-use dataset::DepthRow;
 use glam::DVec3;
 use microsig_core::Particle;
 use microsig_core::visibility::DepthScan;
 use scenario::{Scenario, Weighting};
+use storage::dataset::DepthRow;
 use storage::error::Result;
 
 /// Properties of particle images for the manifest.

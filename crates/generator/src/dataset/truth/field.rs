@@ -11,14 +11,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use dataset::rows::{BACKWARD, WEIGHTED, WINDOW};
-use dataset::{FieldRow, Row, Table, TableWriter, TrueFlow};
 use flows::VelocityField;
 use flows::eulerian::{backward, central, forward};
 use flows::scale::ImagePoint;
 use glam::DVec3;
 use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 use rayon::prelude::*;
+use storage::dataset::rows::{BACKWARD, WEIGHTED, WINDOW};
+use storage::dataset::{FieldRow, Row, Table, TableWriter, TrueFlow};
 
 use crate::dataset::secret;
 use microsig_core::render::Context;

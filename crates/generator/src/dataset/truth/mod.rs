@@ -16,12 +16,14 @@ use rayon::prelude::*;
 
 use super::{Ledger, Stem};
 pub(crate) use boxes::size_class;
-use dataset::rows::{GRADIENT, OPTICS};
-use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table, TableWriter, TrackRow, write_table};
 use depth::ParticleImage;
 use microsig_core::visibility::{DepthScan, NoiseFree, Visibility, visibility};
 use scenario::Scenario;
 use storage::OutputFolder;
+use storage::dataset::rows::{GRADIENT, OPTICS};
+use storage::dataset::{
+    BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table, TableWriter, TrackRow, write_table,
+};
 use storage::error::Result;
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};

@@ -5,8 +5,8 @@ use super::true_field::{TrueField, TrueFields};
 use crate::evaluate::hint::Hint;
 use crate::evaluate::statistics::quantile;
 use crate::results::{Field, FlowVector, LENGTHS, Origin, Position, Reversal};
-use dataset::RecordingFacts;
 use storage::advice::{Named, option};
+use storage::dataset::RecordingFacts;
 
 /// Smallest number of vectors for which hints are given.
 const FEWEST: usize = 10;

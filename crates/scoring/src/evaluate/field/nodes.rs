@@ -18,7 +18,7 @@ use super::compared::INLIER_PX;
 use super::true_field::{TrueField, axis, index};
 use crate::evaluate::statistics::{Interval, intervals, ratio};
 use crate::results::FlowVector;
-use dataset::RecordingFacts;
+use storage::dataset::RecordingFacts;
 
 /// Distance of reference nodes from the border of the image, px: half of a window of 64 px.
 const MARGIN_PX: f64 = 32.0;

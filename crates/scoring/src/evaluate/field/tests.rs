@@ -5,7 +5,7 @@ use super::FieldScore;
 use super::true_field::{TrueField, TrueFields};
 use crate::evaluate::{EvaluateOptions, Score, Truth, evaluate_source};
 use crate::results::{Conventions, FlowVector, Limits, Origin, PairChoice, Position, Source};
-use dataset::RecordingFacts;
+use storage::dataset::RecordingFacts;
 
 const WIDTH: f64 = 100.0;
 const HEIGHT: f64 = 86.0;

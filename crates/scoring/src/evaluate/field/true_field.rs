@@ -8,7 +8,6 @@ use std::sync::{Arc, OnceLock};
 use super::grid_spline::GridSpline;
 use crate::evaluate::statistics::ratio;
 use crate::results::{Conventions, FlowVector, Position, read_field};
-use dataset::{FieldRow, RecordingFacts, Row, TableReader, TrueFlow};
 use generator::dataset::truth::field::ScenarioFlow;
 use generator::runner::{DatasetPlace, MemoryDataset};
 use microsig_core::render::Context;
@@ -16,6 +15,7 @@ use rayon::prelude::*;
 use scenario::SCENARIO;
 use schemars::JsonSchema;
 use serde::Deserialize;
+use storage::dataset::{FieldRow, RecordingFacts, Row, TableReader, TrueFlow};
 use storage::error::{Error, Result};
 
 /// True displacements on a grid, one field for each image pair or one for all.

@@ -15,13 +15,13 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
+use crate::error::{Error, Result};
+use crate::read_text;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::optics::FieldOptics;
 use microsig_core::render::WaveOptics;
 use microsig_core::render::waves::{Cylinder, Emission, Layers, Lens, PupilFunction};
 use microsig_core::sensor::ImageFormat;
-use storage::error::{Error, Result};
-use storage::read_text;
 
 pub use recorded::{KnownFacts, NoiseFacts, PlaceFacts, RECORDING};
 pub use resource::{Resource, SchemaField, TableSchema, resource};
@@ -494,7 +494,7 @@ impl Manifest {
     /// # Errors
     /// A text that is not a manifest, with the key or with line and column.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
-        storage::json::parse(text).map_err(|e| Error::input(format!("{name}: {e}")))
+        crate::json::parse(text).map_err(|e| Error::input(format!("{name}: {e}")))
     }
 
     /// The entry of the file at a path in the dataset.

@@ -49,8 +49,8 @@ impl Columns {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::read::TableReader;
-    use storage::error::Result;
+    use crate::dataset::read::TableReader;
+    use crate::error::Result;
 
     fn read<'k>(csv: &str, kind: impl Fn(&str) -> &'k str) -> Result<Columns> {
         TableReader::new("t.csv", csv.as_bytes())?.columns(kind)

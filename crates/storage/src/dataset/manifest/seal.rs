@@ -9,11 +9,11 @@ use serde::ser::{Error as _, SerializeSeq};
 use serde::{Serialize, Serializer};
 
 use super::{MANIFEST, Manifest, Resource};
-use storage::OutputFolder;
-use storage::checksums::{self, Fingerprint, SHA256SUMS};
-use storage::error::{Error, Result};
-use storage::folder::FilesBelow;
-use storage::journal::JOURNAL;
+use crate::OutputFolder;
+use crate::checksums::{self, Fingerprint, SHA256SUMS};
+use crate::error::{Error, Result};
+use crate::folder::FilesBelow;
+use crate::journal::JOURNAL;
 
 /// Number of files whose fingerprints are in memory at a time.
 const GROUP: usize = 64;

@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::table::{Row, table};
+use crate::dataset::table::{Row, table};
 
 /// Name of the optional columns of [`TrackRow`] with the velocity gradient.
 pub const GRADIENT: &str = "gradient";

@@ -2,8 +2,8 @@
 
 use microsig_core::formats::number;
 
-use crate::columns::{Columns, MISSING, Values};
-use crate::read::Record;
+use crate::dataset::columns::{Columns, MISSING, Values};
+use crate::dataset::read::Record;
 
 /// A column of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -260,27 +260,27 @@ macro_rules! table {
             $($(#[doc = $meaning])+ $vis $field: $type,)+
         }
 
-        impl $crate::table::Row for $row {
+        impl $crate::dataset::table::Row for $row {
             const PATH: &'static str = $path;
             const DESCRIPTION: &'static str = concat!($($about),+).trim_ascii_start();
-            const COLUMNS: &'static [$crate::table::Column] = &[$($crate::table::Column {
+            const COLUMNS: &'static [$crate::dataset::table::Column] = &[$($crate::dataset::table::Column {
                 name: stringify!($field),
-                kind: <$type as $crate::table::Cell>::KIND,
+                kind: <$type as $crate::dataset::table::Cell>::KIND,
                 unit: $unit,
                 description: concat!($($meaning),+).trim_ascii_start(),
-                part: $crate::table::part!($($part)?),
+                part: $crate::dataset::table::part!($($part)?),
             },)+];
 
-            fn write(&self, cells: &mut $crate::table::Cells<'_>) {
+            fn write(&self, cells: &mut $crate::dataset::table::Cells<'_>) {
                 $(cells.push(&self.$field);)+
             }
 
-            fn read(record: &mut $crate::read::Record<'_>) -> Result<Self, String> {
+            fn read(record: &mut $crate::dataset::read::Record<'_>) -> Result<Self, String> {
                 Ok($row { $($field: record.take()?,)+ })
             }
 
-            fn values<'r>(rows: impl Iterator<Item = &'r Self> + Clone) -> Vec<$crate::columns::Values> {
-                vec![$($crate::table::Cell::column(rows.clone().map(|row| &row.$field)),)+]
+            fn values<'r>(rows: impl Iterator<Item = &'r Self> + Clone) -> Vec<$crate::dataset::columns::Values> {
+                vec![$($crate::dataset::table::Cell::column(rows.clone().map(|row| &row.$field)),)+]
             }
         }
     };
@@ -301,7 +301,7 @@ pub(crate) use {part, table};
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::read::TableReader;
+    use crate::dataset::read::TableReader;
 
     table! {
         /// Rows

@@ -4,11 +4,11 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use storage::OutputFolder;
-use storage::checksums::{Fingerprint, Hashing};
-use storage::error::{Error, Result};
+use crate::OutputFolder;
+use crate::checksums::{Fingerprint, Hashing};
+use crate::error::{Error, Result};
 
-use crate::table::{Row, Table};
+use crate::dataset::table::{Row, Table};
 
 /// Writes a table as CSV: a header, then rows.
 #[derive(Debug)]

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use crate::TrackRow;
-use crate::manifest::{Manifest, RECORDING, ResultKind, ScoringRules, SensorFacts};
-use crate::table::Row;
-use storage::error::{Error, Result};
-use storage::folder::is_partial;
+use crate::dataset::TrackRow;
+use crate::dataset::manifest::{Manifest, RECORDING, ResultKind, ScoringRules, SensorFacts};
+use crate::dataset::table::Row;
+use crate::error::{Error, Result};
+use crate::folder::is_partial;
 
 /// Largest plausible length in object space, um.
 pub const LARGEST_UM: f64 = 1e9;
@@ -116,7 +116,7 @@ impl RecordingFacts {
             image_area_px: positive(own.a_pi_px),
             image_share: own.image_share.filter(|share| *share > 0.0 && *share < 1.0),
             hopeless: own.n_ppp.zip(own.n_s).map_or_else(Vec::new, |(n_ppp, n_s)| {
-                crate::hopeless(n_ppp, n_s, own.snr.as_ref().and_then(|snr| snr.value))
+                crate::dataset::hopeless(n_ppp, n_s, own.snr.as_ref().and_then(|snr| snr.value))
             }),
             // The public part of a test split names its renderer, not its particle images.
             is_all_in_focus: own

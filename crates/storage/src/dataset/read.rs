@@ -4,11 +4,11 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use storage::InputFile;
-use storage::error::{Error, Result};
+use crate::InputFile;
+use crate::error::{Error, Result};
 
-use crate::columns::{Columns, MISSING, Values};
-use crate::table::{Cell, Row};
+use crate::dataset::columns::{Columns, MISSING, Values};
+use crate::dataset::table::{Cell, Row};
 
 /// Number of rows after whose problems a table is given up: most of its rows are wrong.
 const MOST_PROBLEMS: usize = 100;
@@ -104,7 +104,7 @@ impl<R: Read> TableReader<R> {
     }
 
     /// The columns of the table. `kind` maps the name of a column to its type: "integer", "number" or, for
-    /// strings, anything else (see [`crate::Column::kind`]).
+    /// strings, anything else (see [`crate::dataset::Column::kind`]).
     ///
     /// # Errors
     /// The first row with a value of another type than its column.
@@ -161,7 +161,10 @@ pub fn read_rows<T: Row>(dataset: &Path, needed: &[&str]) -> Result<Vec<T>> {
 #[derive(Debug)]
 pub struct Record<'r> {
     cells: &'r csv::StringRecord,
-    columns: std::iter::Zip<std::slice::Iter<'r, Option<usize>>, std::slice::Iter<'static, crate::Column>>,
+    columns: std::iter::Zip<
+        std::slice::Iter<'r, Option<usize>>,
+        std::slice::Iter<'static, crate::dataset::Column>,
+    >,
 }
 
 impl Record<'_> {

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Column, Table};
-use storage::checksums::Fingerprint;
+use crate::checksums::Fingerprint;
+use crate::dataset::{Column, Table};
 
 /// A file of a dataset.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
