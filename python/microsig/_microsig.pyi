@@ -202,6 +202,7 @@ def track(
     ensemble: bool,
     spheroids: bool,
     aspect_ratio: float | str,
+    fit_diameter: bool,
     seed: int,
     show: _Show,
 ) -> tuple[dict[str, Any], list[str]]: ...

@@ -276,6 +276,7 @@ def track(
     ensemble: bool = False,
     shape: Literal["sphere", "spheroid"] = "sphere",
     aspect_ratio: float | Literal["common", "each"] | None = None,
+    fit_diameter: bool = False,
     seed: int = 0,
     progress: Progress = False,
 ) -> Table:
@@ -291,6 +292,7 @@ def track(
     :param shape: ``spheroid``: also measure the axis (``ncc``, ``mle``)
     :param aspect_ratio: polar over equatorial diameter of spheroids: 0.1 to 10; ``common`` (as if None), measured by the
         clearest particles; or ``each`` particle its own
+    :param fit_diameter: fit the diameter of each sphere, from half the smallest to twice the largest calibrated one (``mle``)
     :param seed: seed of that noise
     :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field; of
@@ -307,6 +309,7 @@ def track(
         flag("ensemble", ensemble),
         one_of("shape", shape, ("sphere", "spheroid")) == "spheroid",
         _aspect(aspect_ratio),
+        flag("fit_diameter", fit_diameter),
         whole("seed", seed, 0, LAST_SEED),
         shown(progress),
     )

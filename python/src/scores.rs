@@ -205,6 +205,7 @@ fn track<'py>(
     ensemble: bool,
     spheroids: bool,
     aspect_ratio: Aspect,
+    fit_diameter: bool,
     seed: u64,
     show: Show<'py>,
 ) -> PyResult<(Bound<'py, PyDict>, Vec<String>)> {
@@ -224,6 +225,7 @@ fn track<'py>(
             force: false,
             ensemble,
             shape: if spheroids { ParticleShape::Spheroid { aspect } } else { ParticleShape::Sphere },
+            fit_diameter,
             progress: progress.clone(),
             context: tables::context(),
         };

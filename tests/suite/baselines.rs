@@ -76,6 +76,34 @@ fn ncc_finds_defocused_particles_and_their_depth() {
     }
 }
 
+/// Diameters by class and by a fit, which is as precise as the bound allows.
+#[test]
+fn diameters_of_particles_are_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario =
+        "(name: \"sizes\", seed: 4, optics: (numerical_aperture: 0.3, pixel_dim_x: 400, pixel_dim_y: 400), motion: flow(field: uniform(velocity_um_s: (0, 0, 0))),
+        particles: (number: count(40), diameter_um: list([(2, 1), (3, 1)])), boundaries: (z_um: (-12, 4)),
+        timing: sequence(frames: 1, dt_s: 0.01), calibration: every_um(2))";
+    generate(folder.path(), "dataset", scenario);
+    for method in ["ncc", "mle"] {
+        let found = score(folder.path(), method);
+        assert!(number(&found, "/size/right") > 0.9, "{method}: {}", found["size"]);
+    }
+    let (dataset, result, out) =
+        (folder.path().join("dataset"), folder.path().join("d.csv"), folder.path().join("d"));
+    run(&["track", path(&dataset), "--method", "mle", "--fit-diameter", "--out", path(&result), "--quiet"]);
+    run(&["evaluate", path(&dataset), path(&result), "--crlb", "--out", path(&out), "--quiet"]);
+    let found: Value = serde_json::from_slice(&std::fs::read(out.join("score.json")).unwrap()).unwrap();
+    let bins = found.pointer("/crlb/bins").and_then(Value::as_array).unwrap();
+    let squares: Vec<f64> = bins.iter().map(|bin| number(bin, "/crlb_d_um").powi(2)).collect();
+    let bound = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    // Of normal errors; a pair of overlapping particles may have a large one.
+    let deviation = number(&found, "/size/median_abs_um") / 0.6745;
+    assert!((0.7..1.6).contains(&(deviation / bound)), "{deviation} um for {bound} um: {}", found["size"]);
+    let covered = number(&found, "/uncertainty/z/coverage_2s");
+    assert!(covered > 0.85, "z with diameters: {covered} within 2 U");
+}
+
 #[test]
 fn mle_is_more_precise_and_gives_the_same_bytes_for_any_number_of_threads() {
     for preset in ["setting1", "setting1a"] {

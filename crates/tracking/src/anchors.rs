@@ -62,6 +62,7 @@ fn moved(dataset: &DatasetPlace, mut change: impl FnMut(&mut Row)) -> Result<Out
             y_px: row.at.y_px,
             z_um,
             deviations: None,
+            d_um: None,
             shape: None,
         };
         change(&mut row);

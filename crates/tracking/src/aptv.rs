@@ -229,6 +229,7 @@ impl CalibrationCurve {
             y_px: region.at[1] - oy + 1.0,
             z_um: Some(self.points[nearest].0),
             deviations: None,
+            d_um: None,
             shape: None,
         })
     }

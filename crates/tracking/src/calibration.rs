@@ -111,6 +111,11 @@ pub(super) fn read(dataset: &DatasetPlace) -> Result<Vec<Vec<CalibrationImage>>>
     stacks.into_iter().map(|rows| images(dataset, rows, size)).collect()
 }
 
+/// Diameter of the particle of each size, um, as in [`read`].
+pub(super) fn diameters_um(dataset: &DatasetPlace) -> Result<Vec<f64>> {
+    Ok(central(dataset)?.1.iter().map(|rows| rows[0].d_um).collect())
+}
+
 fn images(dataset: &DatasetPlace, rows: Vec<Row>, size: (u32, u32)) -> Result<Vec<CalibrationImage>> {
     let image = |row: Row| {
         let image = read_image(dataset, &row.image, size)?;

@@ -37,6 +37,8 @@ pub(super) struct ParticleFit {
     pub(super) correlation: f64,
     /// Standard deviations of x, y (px) and z (um) due to noise, from the joint fit.
     pub(super) deviations: Option<[f64; 3]>,
+    /// Diameter, um, if it is fitted.
+    pub(super) d_um: Option<f64>,
 }
 
 /// Light beyond the expected noise counts only above this many standard deviations of that noise.
@@ -124,6 +126,7 @@ impl ParticleFit {
             chi2_reduction: 0.0,
             correlation: 0.0,
             deviations: None,
+            d_um: None,
         };
         let (mut next, mut damping) = (best, 1e-3f64);
         let mut normal = (DMat4::ZERO, DVec4::ZERO);

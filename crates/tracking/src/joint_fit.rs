@@ -34,8 +34,10 @@ const SINGULAR: f64 = 1e-10;
 
 /// Model of the particle images and of the noise of a frame.
 pub(super) struct Model<'a> {
-    /// Images of particles of each size.
+    /// Images of particles of each size, then at each diameter of the ladder.
     pub(super) images: Vec<&'a dyn ParticleImages>,
+    /// Diameters between which diameters are fitted, um, ascending; empty if they are not.
+    pub(super) ladder: &'a [f64],
     pub(super) noise: PixelNoise,
     /// Relative error of the images.
     pub(super) error: f32,
@@ -70,6 +72,10 @@ pub(super) fn fit_all(
             particles.iter_mut().for_each(|particle| frame.compare_sides(particle));
         }
         particles.retain(|particle| verdict(particle) == Verdict::Particle);
+    }
+    if !model.ladder.is_empty() {
+        let mut frame = Frame::new(image, level, model, &particles);
+        particles.iter_mut().for_each(|particle| frame.fit_diameter(particle));
     }
     particles
 }
@@ -142,7 +148,7 @@ impl<'a> Frame<'a> {
         for (patch, particle) in before.iter().zip(&start) {
             self.add(patch, particle.amplitude);
         }
-        let fitted = Region::new(self, &start).fitted(start);
+        let fitted = Region::new(self, self.model, &start).fitted(start);
         for (k, particle) in group.iter().zip(fitted) {
             self.add(&self.model.patch(&particle), -particle.amplitude);
             particles[*k] = particle;
@@ -154,7 +160,7 @@ impl<'a> Frame<'a> {
         let Some(z_um) = particle.other_z_um.take() else { return };
         self.add(&self.model.patch(particle), particle.amplitude);
         for start in [*particle, ParticleFit { z_um, ..*particle }] {
-            for fitted in Region::new(self, &[start]).fitted(vec![start]) {
+            for fitted in Region::new(self, self.model, &[start]).fitted(vec![start]) {
                 if fitted.chi2_reduction > particle.chi2_reduction {
                     *particle = fitted;
                 }
@@ -163,11 +169,121 @@ impl<'a> Frame<'a> {
         self.add(&self.model.patch(particle), -particle.amplitude);
     }
 
+    /// Fits the diameter. Images of spheres change with the square of the diameter as long as they are smaller than the blur,
+    /// so images between those of the ladder are interpolated, and a parabola gives the minimum of chi^2, over this square.
+    fn fit_diameter(&mut self, particle: &mut ParticleFit) {
+        let (model, ladder) = (self.model, self.model.ladder);
+        let (all, sizes) = (&model.images, model.images.len() - ladder.len()..model.images.len());
+        self.add(&model.patch(particle), particle.amplitude);
+        let mut fits = vec![None; ladder.len()];
+        let mut at = |k: usize| {
+            let start = ParticleFit { size: sizes.start + k, ..*particle };
+            *fits[k].get_or_insert_with(|| Region::new(self, model, &[start]).fitted(vec![start])[0])
+        };
+        // Downhill, one diameter after the other.
+        let mut best = ladder.len() / 2;
+        let near = loop {
+            let low = best.saturating_sub(1).min(ladder.len() - 3);
+            let near = [low, low + 1, low + 2];
+            let next =
+                near.into_iter().max_by(|a, b| at(*a).chi2_reduction.total_cmp(&at(*b).chi2_reduction));
+            match next {
+                Some(next) if next != best => best = next,
+                _ => break near,
+            }
+        };
+        let nodes = near.map(|k| ladder[k] * ladder[k]);
+        let start = at(best);
+        let minimum = parabola(nodes, near.map(|k| -at(k).chi2_reduction));
+        *particle = ParticleFit { d_um: Some(ladder[best]), ..start };
+        if let Some((square, curvature)) = minimum.filter(|(square, _)| (nodes[0]..nodes[2]).contains(square))
+        {
+            // Again nearby, where chi^2 is a parabola.
+            let step = STEP / curvature.sqrt();
+            let squares = [-1.0, 0.0, 1.0].map(|k| square + k * step.min(0.2 * (nodes[2] - nodes[0])));
+            let images = near.map(|k| all[sizes.start + k]);
+            let between = squares.map(|square| Between { images, weights: lagrange(nodes, square) });
+            let images = between.iter().map(|images| images as &dyn ParticleImages).collect();
+            let model = Model { images, ..*model };
+            let fits = [0, 1, 2].map(|size| {
+                let start = ParticleFit { size, ..start };
+                Region::new(self, &model, &[start]).fitted(vec![start])[0]
+            });
+            if let Some((square, curvature)) = parabola(squares, fits.map(|fit| -fit.chi2_reduction))
+                && (nodes[0]..nodes[2]).contains(&square)
+            {
+                let slopes = [0, 1, 2].map(|axis| {
+                    let of = |fit: &ParticleFit| [fit.at[0], fit.at[1], fit.z_um][axis];
+                    (of(&fits[2]) - of(&fits[0])) / (squares[2] - squares[0])
+                });
+                let off = square - squares[1];
+                let own = fits[1];
+                // What is uncertain about the diameter adds to the deviations at a given one.
+                let total = |sd: [f64; 3]| {
+                    std::array::from_fn(|k| (sd[k] * sd[k] + slopes[k] * slopes[k] / curvature).sqrt())
+                };
+                *particle = ParticleFit {
+                    size: start.size,
+                    at: [own.at[0] + off * slopes[0], own.at[1] + off * slopes[1]],
+                    z_um: own.z_um + off * slopes[2],
+                    deviations: own.deviations.map(total),
+                    d_um: Some(square.sqrt()),
+                    ..own
+                };
+            }
+        }
+        self.add(&self.model.patch(&start), -start.amplitude);
+    }
+
     fn add(&mut self, patch: &ImagePatch, amplitude: f64) {
         for (i, [t, ..]) in patch.pixels(self.size) {
             self.residual[i] += amplitude as f32 * t;
         }
     }
+}
+
+/// Distance of squares of diameters at which chi^2 is compared, in standard deviations.
+const STEP: f64 = 2.0;
+
+/// Images at a diameter between those of three others.
+struct Between<'a> {
+    images: [&'a dyn ParticleImages; 3],
+    weights: [f64; 3],
+}
+
+impl ParticleImages for Between<'_> {
+    fn depths_um(&self) -> [f64; 2] {
+        self.images[1].depths_um()
+    }
+
+    fn radius_px(&self, z_um: f64, reach_um: f64) -> usize {
+        self.images[2].radius_px(z_um, reach_um)
+    }
+
+    fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
+        let [a, b, c] = self.images.map(|images| images.patch(at, z_um, radius));
+        let [of_a, of_b, of_c] = self.weights.map(|weight| weight as f32);
+        let sum = |((a, b), c): ((&[f32; 4], &[f32; 4]), &[f32; 4])| {
+            std::array::from_fn(|k| of_a * a[k] + of_b * b[k] + of_c * c[k])
+        };
+        ImagePatch { light: a.light.iter().zip(&b.light).zip(&c.light).map(sum).collect(), ..a }
+    }
+}
+
+/// Weights of the values at three points in that at `x` of the parabola through them.
+fn lagrange([a, b, c]: [f64; 3], x: f64) -> [f64; 3] {
+    [
+        (x - b) * (x - c) / ((a - b) * (a - c)),
+        (x - a) * (x - c) / ((b - a) * (b - c)),
+        (x - a) * (x - b) / ((c - a) * (c - b)),
+    ]
+}
+
+/// Minimum of the parabola through three points, and the coefficient of its square; `None` if it has none.
+fn parabola([a, b, c]: [f64; 3], values: [f64; 3]) -> Option<(f64, f64)> {
+    let first = (values[1] - values[0]) / (b - a);
+    let second = ((values[2] - values[1]) / (c - b) - first) / (c - a);
+    (second > 0.0).then(|| (0.5 * (a + b - first / second), second))
 }
 
 /// A rectangle of the frame around a group, with all other particles subtracted.
@@ -190,8 +306,7 @@ struct State {
 }
 
 impl<'a> Region<'a> {
-    fn new(frame: &Frame<'a>, particles: &[ParticleFit]) -> Self {
-        let model = frame.model;
+    fn new(frame: &Frame<'_>, model: &'a Model<'a>, particles: &[ParticleFit]) -> Self {
         let radii: Vec<usize> =
             particles.iter().map(|p| model.images[p.size].radius_px(p.z_um, model.step_um)).collect();
         let limits = [frame.size.0, frame.size.1].map(|n| n as isize);

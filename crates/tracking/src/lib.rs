@@ -142,6 +142,8 @@ pub struct TrackOptions {
     pub ensemble: bool,
     /// Shape of the particles that `ncc` and `mle` measure.
     pub shape: ParticleShape,
+    /// Whether `mle` fits the diameter of each sphere.
+    pub fit_diameter: bool,
     /// Progress display.
     pub progress: Progress,
     /// Where the renderers of `mle` keep their tables.
@@ -184,6 +186,10 @@ impl TrackOptions {
             wrong.push(advice!(ensemble, ": expected with ", piv, format!(", not {}", method.name)));
         }
         wrong.extend(self.shape.faults(method.name));
+        if self.fit_diameter && (method.name != "mle" || self.shape != ParticleShape::Sphere) {
+            let (fit, mle) = (flag("fit_diameter"), option("method").is("mle"));
+            wrong.push(advice!(fit, ": expected with ", mle, " and spheres"));
+        }
         if wrong.is_empty() { Ok(method) } else { Err(Error::Options(wrong)) }
     }
 
@@ -199,6 +205,7 @@ impl TrackOptions {
             force: false,
             ensemble: false,
             shape: ParticleShape::Sphere,
+            fit_diameter: false,
             progress,
             context: Context::default(),
         }
@@ -238,6 +245,8 @@ struct Localization {
     z_um: Option<f64>,
     /// Standard deviations of x, y (px) and z (um); `None` for methods that do not estimate them.
     deviations: Option<[f64; 3]>,
+    /// Diameter, um; `None` for methods that do not measure it.
+    d_um: Option<f64>,
     /// `None` for methods that measure positions only.
     shape: Option<ShapeEstimate>,
 }

@@ -101,6 +101,7 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
                 y_px: point.y_px,
                 z_um: point.z_um,
                 deviations: point.deviations,
+                d_um: point.d_um,
                 shape: point.shape,
             });
         }
@@ -138,7 +139,7 @@ mod tests {
     use super::*;
 
     fn at(x_px: f64, y_px: f64) -> Localization {
-        Localization { x_px, y_px, z_um: None, deviations: None, shape: None }
+        Localization { x_px, y_px, z_um: None, deviations: None, d_um: None, shape: None }
     }
 
     const SEARCH_RANGE: SearchRange = SearchRange { px: 6.0, um: None };

@@ -57,6 +57,9 @@ pub(super) struct Locator<I> {
     step_um: f64,
     /// Whether standard deviations of positions are reported.
     has_deviations: bool,
+    /// Diameters of the images, um, if they are reported; of all `images` that diameters are fitted with, the first are
+    /// those of the search.
+    diameters_um: Vec<f64>,
 }
 
 impl Coarse {
@@ -126,12 +129,27 @@ impl<I: ParticleImages> Locator<I> {
     ) -> Self {
         let step_um = templates.iter().flatten().map(Templates::step_um).fold(f64::INFINITY, f64::min);
         let coarse = Coarse::new(templates, places, noise);
-        Locator { images, error, coarse, step_um, has_deviations: false }
+        Locator { images, error, coarse, step_um, has_deviations: false, diameters_um: Vec::new() }
     }
 
     /// The same with standard deviations of positions, which images without errors of their own determine.
     pub(super) fn with_deviations(self) -> Self {
         Locator { has_deviations: true, ..self }
+    }
+
+    /// The same with the diameter of each particle: of several `calibrated_um`, that of the images which it resembles most.
+    pub(super) fn with_classes(self, calibrated_um: Vec<f64>) -> Self {
+        let diameters_um = if calibrated_um.len() > 1 { calibrated_um } else { Vec::new() };
+        Locator { diameters_um, ..self }
+    }
+
+    /// The same with the diameter of each particle fitted, by images at further diameters (um, ascending).
+    pub(super) fn with_diameters(mut self, at: Vec<(f64, I)>) -> Self {
+        for (d_um, images) in at {
+            self.diameters_um.push(d_um);
+            self.images.push(images);
+        }
+        self
     }
 
     /// Localizes and links the particles of a recording.
@@ -159,7 +177,10 @@ impl<I: ParticleImages> Locator<I> {
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
         let Found { level, noise, particles, rejections } = self.coarse.find(image);
         let images = self.images.iter().map(|of_size| of_size as &dyn ParticleImages).collect();
-        let model = Model { images, noise, error: self.error, step_um: self.step_um };
+        let of_search = self.coarse.templates.first().map_or(0, |of_place| of_place.sizes.len());
+        let is_fitted = self.images.len() > of_search;
+        let ladder = if is_fitted { &self.diameters_um[..] } else { &[] };
+        let model = Model { images, ladder, noise, error: self.error, step_um: self.step_um };
         // Without particles beyond the image, whose light may reach it.
         let found = fit_all(image, level, &model, particles).into_iter().filter(|fit| image.contains(fit.at));
         let localization = |fit: ParticleFit| Localization {
@@ -167,6 +188,7 @@ impl<I: ParticleImages> Locator<I> {
             y_px: fit.at[1] + 1.0,
             z_um: Some(fit.z_um),
             deviations: fit.deviations.filter(|_| self.has_deviations),
+            d_um: fit.d_um.or_else(|| self.diameters_um.get(fit.size).copied()),
             shape: None,
         };
         (found.map(localization).collect(), rejections)

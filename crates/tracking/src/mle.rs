@@ -3,8 +3,10 @@
 //!
 //! The model is free of noise, so the fit can reach the Cramér-Rao bound except for overlapping particles.
 //! Where the optics vary over the field of view, the fit uses the model at each particle's place, the search
-//! that of the nearest of a grid of places. Particles are spheres with the diameter of a calibration particle and any brightness. The calibration
-//! stacks provide the counts per ray and the camera noise.
+//! that of the nearest of a grid of places. Particles are spheres with the diameter of a calibration particle, or of any diameter if that is
+//! fitted, and of any brightness. The calibration stacks provide the counts per ray and the camera noise.
+
+use std::sync::Arc;
 
 use glam::DVec3;
 use microsig_core::optics::FieldOptics;
@@ -60,8 +62,9 @@ pub(super) const METHOD: Method = Method {
 };
 
 /// Particle images from the optical model.
+#[derive(Clone)]
 struct ModelImages {
-    renderer: Renderer,
+    renderer: Arc<Renderer>,
     d_um: f64,
     /// Physical depth over depth in the model.
     depth_factor: f64,
@@ -72,7 +75,7 @@ struct ModelImages {
     /// Central pixel of the renderer's sensor, from 1.
     middle: i64,
     /// Images at their places on the whole sensor, if the optics vary over the field.
-    over_field: Option<Renderer>,
+    over_field: Option<Arc<Renderer>>,
     depths_um: Vec<f64>,
     /// Half widths at these depths, px.
     radii: Vec<usize>,
@@ -95,7 +98,27 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
         images.push(model);
     }
     let places = FieldPlaces::new(sensor.map_or_else(Vec::new, places));
-    Ok(Locator::over_field(search, places, images, MODEL_ERROR, noise).with_deviations())
+    let ladder = if job.options.fit_diameter { ladder(&images) } else { Vec::new() };
+    let diameters_um = images.iter().map(|model| model.d_um).collect();
+    let locator = Locator::over_field(search, places, images, MODEL_ERROR, noise).with_deviations();
+    Ok(if ladder.is_empty() { locator.with_classes(diameters_um) } else { locator.with_diameters(ladder) })
+}
+
+/// Ratio of neighboring diameters between which diameters are fitted.
+const LADDER: f64 = 1.25;
+
+/// Images at diameters from half the smallest to twice the largest of these models, of the model with the nearest diameter.
+fn ladder(models: &[ModelImages]) -> Vec<(f64, ModelImages)> {
+    let all = || models.iter().map(|model| model.d_um);
+    let (low, high) = (0.5 * all().fold(f64::INFINITY, f64::min), 2.0 * all().fold(0.0, f64::max));
+    let n = ((high / low).ln() / LADDER.ln()).ceil();
+    let at = |k: usize| {
+        let d_um = low * (high / low).powf(k as f64 / n);
+        let off = |model: &&ModelImages| (model.d_um / d_um).ln().abs();
+        let nearest = models.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        Some((d_um, ModelImages { d_um, ..nearest.clone() }))
+    };
+    (0..=n as usize).filter_map(at).collect()
 }
 
 /// Images of spheroids, and the noise of a frame.
@@ -251,7 +274,7 @@ fn of_size(
         && let Some(renderer) = over_field(sensor, origin, &job.options.context)?
     {
         job.note("images by the optics at the place of each particle in the field of view".to_owned());
-        model.over_field = Some(renderer);
+        model.over_field = Some(Arc::new(renderer));
         stacks = places(sensor).into_iter().map(|at| model.stack(at, side)).collect();
     }
     let unit = model.unit as f32;
@@ -297,7 +320,7 @@ impl ModelImages {
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
         Ok(ModelImages {
-            renderer,
+            renderer: Arc::new(renderer),
             d_um,
             depth_factor,
             zero_um,

@@ -31,7 +31,7 @@ pub(super) const METHOD: Method = Method {
         let is_field = places.iter().any(|place| place.at.is_some());
         if !is_field && recorded.is_none() {
             let stacks = places.into_iter().next().map_or_else(Vec::new, |place| place.sizes);
-            return locator(&stacks).particles(job);
+            return locator(&stacks).with_classes(calibration::diameters_um(job.dataset)?).particles(job);
         }
         if is_field {
             job.note(format!(
@@ -39,7 +39,7 @@ pub(super) const METHOD: Method = Method {
                 places.len()
             ));
         }
-        field_locator(places, recorded).particles(job)
+        field_locator(places, recorded).with_classes(calibration::diameters_um(job.dataset)?).particles(job)
     },
 };
 

@@ -15,6 +15,8 @@ pub(super) struct Row {
     pub(super) z_um: Option<f64>,
     /// Standard deviations of x, y (px) and z (um).
     pub(super) deviations: Option<[f64; 3]>,
+    /// Diameter, um.
+    pub(super) d_um: Option<f64>,
     pub(super) shape: Option<ShapeEstimate>,
 }
 
@@ -71,6 +73,9 @@ impl Output {
                         let values = points.iter().map(|p| p.deviations.map_or(f64::NAN, |sd| sd[axis]));
                         numbers(name, values.collect())
                     }));
+                }
+                if points.iter().any(|p| p.d_um.is_some()) {
+                    columns.push(numbers("d_um", of(|p| p.d_um.unwrap_or(f64::NAN))));
                 }
                 columns.extend(shapes(points));
                 return Columns(columns);

@@ -87,6 +87,7 @@ impl LogDetector {
                     y_px: y as f64 + 1.0 + f64::from(dy),
                     z_um: None,
                     deviations: None,
+                    d_um: None,
                     shape: None,
                 });
             }

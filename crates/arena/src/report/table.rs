@@ -6,6 +6,7 @@ use scoring::evaluate::Score;
 use scoring::evaluate::crlb::{BoundBin, Crlb};
 use scoring::evaluate::field::{ComponentErrors, FieldErrors, FieldScore};
 use scoring::evaluate::motion::VelocitySource;
+use scoring::evaluate::size::Size;
 use scoring::evaluate::statistics::quantile;
 use scoring::evaluate::uncertainty::Uncertainty;
 
@@ -182,6 +183,9 @@ fn found(out: &mut String, score: &Score) {
     if !links.is_empty() {
         line(out, "links", &links.join("  "));
     }
+    if let Some(size) = &score.size {
+        sizes(out, size);
+    }
     if let Some(text) = overlap(score) {
         line(out, "overlap", &text);
     }
@@ -196,6 +200,21 @@ fn found(out: &mut String, score: &Score) {
         }
         (None, None) => {}
     }
+}
+
+/// Errors of diameters, and the fraction of particles with the right class.
+fn sizes(out: &mut String, size: &Size) {
+    let mut text = format!(
+        "diameter RMS {} um, bias {} ({} of {} particles)",
+        number(size.rms_um),
+        number(size.bias_um),
+        size.n,
+        size.n_true
+    );
+    if size.right.is_some() {
+        let _ = write!(text, "  right class {}", number(size.right) + &interval(size.interval_right));
+    }
+    line(out, "size", &text);
 }
 
 /// Largest overlap of an image that counts as isolated, and the difference of recalls that overlap explains.
@@ -348,6 +367,17 @@ fn particles(out: &mut String, score: &Score) {
         );
         line(out, "boxes", &text);
     }
+    if let Some(size) = &score.size {
+        sizes(out, size);
+        for (class, row) in size.classes_um.iter().zip(&size.confusion) {
+            let counts: Vec<String> = row.iter().map(usize::to_string).collect();
+            let text = format!(
+                "{class} um: {}  (found as each class, without a diameter, missed)",
+                counts.join("  ")
+            );
+            line(out, "", &text);
+        }
+    }
     score.crlb.iter().for_each(|bound| bounds(out, bound));
     tracks(out, score);
     if let Some(claims) = &score.uncertainty {
@@ -456,6 +486,9 @@ fn bounds(out: &mut String, of: &Crlb) {
         median(|b| b.efficiency_z)
     );
     line(out, "bound", &text);
+    if of.bins.iter().any(|bin| bin.crlb_d_um.is_some()) {
+        line(out, "", &format!("diameter {} um", median(|b| b.crlb_d_um)));
+    }
     if of.crlb_axis_deg.is_some() {
         let text =
             format!("axes {} deg  efficiency {}", number(of.crlb_axis_deg), number(of.efficiency_axis));

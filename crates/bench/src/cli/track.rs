@@ -56,6 +56,9 @@ pub(super) struct TrackerOptions {
     /// particle its own [default: common]
     #[arg(long, value_name = "RATIO")]
     aspect_ratio: Option<AspectRatio>,
+    /// Fit the diameter of each sphere, from half the smallest to twice the largest calibrated one (mle)
+    #[arg(long)]
+    fit_diameter: bool,
     /// Standard deviation of the noise in x and y (truth-noise)
     #[arg(long, value_name = "PX", default_value_t = TrackOptions::NOISE_PX)]
     noise_xy: f64,
@@ -74,6 +77,7 @@ impl TrackerOptions {
             || self.ensemble
             || self.shape != ShapeChoice::Sphere
             || self.aspect_ratio.is_some()
+            || self.fit_diameter
     }
 
     /// The options of a method.
@@ -91,6 +95,7 @@ impl TrackerOptions {
             noise_xy_px: self.noise_xy,
             noise_z_um: self.noise_z,
             ensemble: self.ensemble,
+            fit_diameter: self.fit_diameter,
             shape: match self.shape {
                 ShapeChoice::Sphere => ParticleShape::Sphere,
                 ShapeChoice::Spheroid => {

@@ -71,6 +71,9 @@ scores! {
         not_negative crlb_y_px: Option<f64>,
         /// Cramer-Rao bound of the standard deviation of z.
         not_negative crlb_z_um: Option<f64>,
+        /// Cramer-Rao bound of the standard deviation of the diameter, if the result has diameters. Position and brightness are
+        /// estimated with it.
+        not_negative crlb_d_um: Option<f64>,
         /// crlb_x_px / RMS error of x.
         not_negative efficiency_x: Option<f64>,
         /// crlb_y_px / RMS error of y.
@@ -81,13 +84,15 @@ scores! {
 }
 
 /// The bound of a scenario in every bin of the curve over depth; for Gaussian particle images without such a
-/// curve, in a single bin. `sizes`: diameter (um) and brightness of each particle. The inner `Err` says why
+/// curve, in a single bin. `sizes`: diameter (um) and brightness of each particle. With `has_diameters` also the bound of
+/// the diameter. The inner `Err` says why
 /// there is no bound.
 pub fn of_scenario(
     scenario: &Scenario,
     sizes: &[[f64; 2]],
     detection: Option<&Detection>,
     curves: &[Curve],
+    has_diameters: bool,
 ) -> Result<std::result::Result<Crlb, &'static str>> {
     let Some(detection) = detection else { return Ok(Err("it is defined for particles only")) };
     if scenario.settings.gain == 0.0 {
@@ -108,7 +113,21 @@ pub fn of_scenario(
     let images = Images::of(scenario, d_um, &depths_um)?;
     let bounds = (0..all.len()).into_par_iter().map(|k| images.bound(k, &noise));
     let bounds: Vec<[Option<f64>; 3]> = bounds.collect();
-    let bins = all.iter().zip(bounds).map(|(bin, bound)| bin_of(bin, bound)).collect();
+    let mut bins: Vec<BoundBin> = all.iter().zip(bounds).map(|(bin, bound)| bin_of(bin, bound)).collect();
+    if has_diameters && let Images::Drawn { images, depth_factor } = &images {
+        let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings, &scenario.context)?;
+        let [smaller, larger] = [1.0 - DIAMETER_STEP, 1.0 + DIAMETER_STEP].map(|factor| factor * d_um);
+        let bound = |(bin, base): (&mut BoundBin, &Option<Gradient>)| {
+            let z_um = bin.z_um / depth_factor;
+            let [low, high] = [image(&renderer, smaller, z_um)?, image(&renderer, larger, z_um)?];
+            let images = base.as_ref().zip(low).zip(high);
+            bin.crlb_d_um = images.and_then(|((base, low), high)| {
+                diameter_bound(base, [&low, &high], larger - smaller, &noise)
+            });
+            Ok(())
+        };
+        bins.par_iter_mut().zip(images).map(bound).collect::<Result<()>>()?;
+    }
     Ok(Ok(Crlb { d_um, bins, ..Crlb::default() }))
 }
 
@@ -282,15 +301,38 @@ impl Images {
 fn apart(base: &Gradient, other: &Gradient, noise: &[Noise], slack_um: f64) -> f64 {
     let mut information = [[0.0; 5]; 5];
     information[3][3] = 1.0 / (slack_um * slack_um);
-    let (own, window) = (base.window, other.window);
-    let (right, down) = (own.x0 - window.x0, own.y0 - window.y0);
     for (k, [light, x, y, z]) in base.pixels.iter().enumerate() {
-        let at = [(k % own.width) as i64 + right, (k / own.width) as i64 + down];
-        let is_in = (0..window.width as i64).contains(&at[0]) && (0..window.height as i64).contains(&at[1]);
-        let there = if is_in { other.pixels[at[1] as usize * window.width + at[0] as usize][0] } else { 0.0 };
-        add(&mut information, &[*light, *x, *y, *z, there - light], weight(noise, *light));
+        let change = light_at(other, base, k) - light;
+        add(&mut information, &[*light, *x, *y, *z, change], weight(noise, *light));
     }
     bounds(&information).map_or(0.0, |bound| 1.0 / bound[4])
+}
+
+/// Light of an image at the `k`-th pixel of another one.
+fn light_at(image: &Gradient, base: &Gradient, k: usize) -> f64 {
+    let (own, window) = (base.window, image.window);
+    let at = [(k % own.width) as i64 + own.x0 - window.x0, (k / own.width) as i64 + own.y0 - window.y0];
+    let is_in = (0..window.width as i64).contains(&at[0]) && (0..window.height as i64).contains(&at[1]);
+    if is_in { image.pixels[at[1] as usize * window.width + at[0] as usize][0] } else { 0.0 }
+}
+
+/// Relative change of the diameter for the derivative of an image.
+const DIAMETER_STEP: f64 = 0.02;
+
+/// The bound of the diameter (um), of an image and those of particles that are smaller and larger, which differ by `step_um`
+/// in diameter.
+fn diameter_bound(
+    base: &Gradient,
+    [low, high]: [&Gradient; 2],
+    step_um: f64,
+    noise: &[Noise],
+) -> Option<f64> {
+    let mut information = [[0.0; 5]; 5];
+    for (k, [light, x, y, z]) in base.pixels.iter().enumerate() {
+        let slope = (light_at(high, base, k) - light_at(low, base, k)) / step_um;
+        add(&mut information, &[*light, *x, *y, *z, slope], weight(noise, *light));
+    }
+    bounds(&information).map(|bound| bound[4])
 }
 
 impl Crlb {
@@ -440,6 +482,7 @@ fn bin_of(bin: &Bin, [x, y, z]: [Option<f64>; 3]) -> BoundBin {
         crlb_x_px: x,
         crlb_y_px: y,
         crlb_z_um: z,
+        crlb_d_um: None,
         efficiency_x: efficiency(x, bin.rms_x_px),
         efficiency_y: efficiency(y, bin.rms_y_px),
         efficiency_z: efficiency(z, bin.rms_z_um),

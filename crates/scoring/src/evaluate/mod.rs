@@ -74,6 +74,7 @@ mod read;
 mod recorded;
 mod score;
 pub mod score_keys;
+pub mod size;
 pub mod statistics;
 pub mod track_set;
 pub mod truth;
@@ -182,7 +183,13 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
     score.definitions.rank_by.clone_from(&truth.facts.rules.rank_by);
     if let Some(scenario) = truth.scenario.as_ref().filter(|_| options.crlb) {
         let sizes = truth.particles.as_ref().map_or(&[][..], |particles| &particles.sizes);
-        match crlb::of_scenario(scenario, sizes, score.detection.as_ref(), &score.curves)? {
+        match crlb::of_scenario(
+            scenario,
+            sizes,
+            score.detection.as_ref(),
+            &score.curves,
+            score.size.is_some(),
+        )? {
             Ok(bound) => {
                 let spheroids = truth.particles.as_ref().map_or_else(Vec::new, TrueParticles::spheroids);
                 let median_deg = score.orientation.as_ref().and_then(|orientation| orientation.median_deg);
@@ -275,15 +282,14 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let (hota, of_hota) = hota::Hota::of(t, r, &candidates, resampled);
     let (links, of_links) = links::Links::of(t, r, &matching, resampled);
     let (axes, ambiguous) = ((&truth.axes[..], &points.axes[..]), divided.ambiguous());
-    let orientation = orientation::Orientation::of((t, r), axes, (&matching, &ambiguous), resampled);
-    let (orientation, of_angles) = orientation.unzip();
+    let matched = (&matching, &ambiguous[..]);
+    let (orientation, of_angles) = orientation::Orientation::of((t, r), axes, matched, resampled).unzip();
+    let (size, of_sizes) = size::Size::of(truth, (t, r), &points.diameters_um, matched, resampled).unzip();
     let z_um = if gate.z_um.is_finite() { Some(gate.z_um) } else { h.map(|h| ScoringGates::over(h).z_um) };
     let gates = (gate.xy_px, z_um.filter(|_| depth));
-    let (crps, of_crps) = crps::Crps::of((t, r), &points.sigma, (&matching, &ambiguous), gates, resampled);
-    let isbi_2d = match isbi.dims {
-        3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), resampled)?.0),
-        _ => None,
-    };
+    let (crps, of_crps) = crps::Crps::of((t, r), &points.sigma, matched, gates, resampled);
+    let in_plane = || isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), resampled);
+    let isbi_2d = (isbi.dims == 3).then(in_plane).transpose()?.map(|(isbi, _)| isbi);
     let range = truth.facts.depth_um.zip(h).filter(|_| depth);
     let gdpt = range.map(|(range, h)| {
         let gates = (gate.xy_px, options.gate_z_um.unwrap_or(ScoringGates::over(h).z_um));
@@ -304,6 +310,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         hota: of_hota.iter().map(|sums| sums.to_vec()).collect(),
         isbi: of_isbi,
         angles: of_angles.unwrap_or_default(),
+        sizes: of_sizes.unwrap_or_default(),
         crps: of_crps,
         velocity: divided.velocity(&compared),
         ..divided.points(resampled)
@@ -322,6 +329,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         uncertainty: claims(points, (t, r), &matching, depth),
         crps: Some(crps),
         orientation,
+        size,
         lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, resampled)),
         curves: curves::curves(truth, (t, r), &matching, depth),
         counts,

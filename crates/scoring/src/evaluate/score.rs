@@ -11,7 +11,7 @@ use super::hint::Hint;
 use super::uncertainty::Uncertainty;
 use super::{
     boxes, clear, crlb, crps, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt,
-    orientation, planes,
+    orientation, planes, size,
 };
 
 scores! {
@@ -53,6 +53,8 @@ scores! {
         pub planes: Option<planes::PlaneScore>,
         /// Orientation of spheroids; null without axes in the truth.
         pub orientation: Option<orientation::Orientation>,
+        /// Diameters; null without diameters in result and truth.
+        pub size: Option<size::Size>,
         /// Displacement field (PIV); null for particles.
         pub field: Option<field::FieldScore>,
         /// Cramer-Rao bound (`--crlb`).

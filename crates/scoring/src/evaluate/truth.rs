@@ -387,6 +387,7 @@ pub(super) fn bare(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> 
     let sheet = TextTable::open(path, 1)?;
     let (visible, ignore) = (sheet.column("visible"), sheet.column("ignore"));
     let (time, aspect) = (sheet.column("t_s"), sheet.column("e_p"));
+    truth.sizes = points.diameters_um.iter().map(|d_um| [*d_um, 1.0]).collect();
     truth.axes = if aspect.is_some() { points.axes } else { Vec::new() };
     let properties: Vec<(&'static str, usize)> =
         PROPERTIES.iter().filter_map(|&name| sheet.column(name).map(|c| (name, c))).collect();

@@ -183,6 +183,8 @@ pub struct UnitScores {
     pub(crate) isbi: Vec<[f64; 3]>,
     /// True spheroids and ghosts, and the sum of the angles between true and found axes, degrees.
     pub(crate) angles: Vec<[f64; 2]>,
+    /// True particles and ghosts, and particles with the right class of diameters.
+    pub(crate) sizes: Vec<[f64; 2]>,
     /// True particles and ghosts, and the sums of their CRPS of x and y, px, and of z, um.
     pub(crate) crps: Vec<[f64; 3]>,
     /// Reference nodes of fields: number, covered, valid, squared errors, d · d_true, d_true².

@@ -301,6 +301,11 @@ pub static SCORES: &[ScoreDef] = &[
         Resamples(|u, draws| resampled(&u.angles, draws, |[n, sum]| ratio(sum, n))),
     )
     .published(Published::Degrees),
+    score!(Particles s in size: ["size_right", "size.right", "right size of all", ""], Greater, s.right, s.interval_right)
+        .ranks(Metric::SizeRight, Resamples(|u, draws| resampled(&u.sizes, draws, |[n, right]| ratio(right, n))))
+        .published(Published::Rate),
+    score!(Particles s in size: ["size_rms_um", "size.rms_um", "RMSE diameter", "um"], Smaller,
+        s.rms_um, s.interval_rms_um),
     score!(Field f in field: ["valid_nodes", "field.nodes.valid", "valid nodes", ""], Greater,
         f.nodes.valid, f.nodes.interval_valid)
     .ranks(

@@ -43,8 +43,14 @@ fn truth() -> TrueParticles {
         .iter()
         .map(|row| [1.0, chance(1, row.track as u32) - 0.5, chance(2, row.track as u32) - 0.5])
         .collect();
+    truth.sizes = rows.iter().map(|row| [d_um(row.track), 1.0]).collect();
     truth.rows = rows;
     truth
+}
+
+/// Two classes of diameters.
+fn d_um(track: i64) -> f64 {
+    if chance(11, track as u32) < 0.6 { 2.0 } else { 3.0 }
 }
 
 /// A tracker that misses a twelfth of the particles and has errors of up to half a pixel and 2 um.
@@ -216,6 +222,31 @@ fn axes_of_ghosts_and_a_constant_axis_gain_nothing() {
     assert!(is_behind(&measured, &own, &S));
     let random = (0..own.rows.len() as u32).map(|i| [8, 9, 10].map(|seed| chance(seed, i) - 0.5)).collect();
     assert!(is_behind(&own, &Points { axes: random, ..own.clone() }, &S));
+}
+
+#[test]
+fn diameters_of_ghosts_one_for_all_and_those_of_easy_particles_gain_nothing() {
+    let sizes: [Metric; 3] = [Metric::SizeRight, Metric::F1, Metric::RmseXyPx];
+    let own = genuine();
+    let with = |points: &Points, of: &dyn Fn(&TrackRow) -> f64| Points {
+        diameters_um: points.rows.iter().map(of).collect(),
+        ..points.clone()
+    };
+    let measured =
+        |row: &TrackRow| d_um(row.track) + 0.8 * (chance(12, row.frame * 97 + row.track as u32) - 0.5);
+    let sized = with(&own, &measured);
+    assert!(is_behind(&sized, &own, &sizes), "without diameters");
+    assert!(is_behind(&sized, &with(&own, &|_| 2.0), &sizes), "the most frequent class");
+    // Only the clearest tenth, without an error.
+    let easy = |row: &TrackRow| if row.track < 4 { d_um(row.track) } else { f64::NAN };
+    assert!(is_behind(&sized, &with(&own, &easy), &sizes), "few diameters");
+    let others: Vec<(u32, Position)> = own.rows.iter().map(|row| (row.frame, row.at)).collect();
+    let both = with_ghosts(&with(&own, &|_| 2.0), others.into_iter());
+    let both = Points {
+        diameters_um: (0..both.rows.len()).map(|i| if i < own.rows.len() { 2.0 } else { 3.0 }).collect(),
+        ..both
+    };
+    assert!(is_behind(&sized, &both, &sizes), "a point of each class for each particle");
 }
 
 /// A tracker that knows its uncertainties: errors uniform within sqrt(3) U, half of the particles with an eighth of

@@ -1,5 +1,5 @@
 //! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s] [, w_px, h_px, score] [,
-//! axis_x, axis_y, axis_z]` for particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields.
+//! axis_x, axis_y, axis_z] [, d_um]` for particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields.
 //! Columns may be in any order; additional columns are ignored.
 
 use super::fields::{self, FieldColumns, FieldLayout};
@@ -13,8 +13,8 @@ pub(crate) const PARTICLES: FormatDefaults = FormatDefaults::px("canonical parti
 const FIELD: FormatDefaults = FormatDefaults::px("canonical field", Origin::Center1);
 
 /// Known columns of particle tables.
-const COLUMNS: [&str; 11] =
-    ["frame", "track", "x_px", "y_px", "z_um", "sx_px", "sy_px", "sz_um", "w_px", "h_px", "score"];
+const COLUMNS: [&str; 12] =
+    ["frame", "track", "x_px", "y_px", "z_um", "sx_px", "sy_px", "sz_um", "w_px", "h_px", "score", "d_um"];
 
 /// Columns of velocities along x, y, z with their units; the first set present is read.
 const VELOCITIES: [(VelocityUnit, [&str; 3], &str); 2] = [
@@ -66,7 +66,8 @@ pub(super) fn points_of(sheet: TextTable, given: &Conventions) -> Result<Points>
     converter.ignores(&sheet.others(&used));
     let size = ["w_px", "h_px", "score"].map(|name| sheet.column(name));
     let velocity = velocity.map(|(unit, _, _, columns)| (unit, columns));
-    let more = OptionalColumns { sigma, velocity, axis, size, negative_is_unknown: false };
+    let diameter = sheet.column("d_um");
+    let more = OptionalColumns { sigma, velocity, axis, size, diameter, negative_is_unknown: false };
     sheet.points(converter, z.is_some(), more, |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))

@@ -443,6 +443,11 @@ impl Converter {
         Ok(BoxSize { w_px, h_px, score })
     }
 
+    /// Checks a diameter, um.
+    pub(crate) fn diameter(&self, d_um: f64) -> std::result::Result<f64, String> {
+        within([d_um; 3], ["d_um"; 3], 0.0..=LARGEST_UM).map(|()| d_um)
+    }
+
     /// Converts claimed uncertainties from columns with these names: x and y to px, z unchanged.
     pub(crate) fn uncertainty(
         &self,

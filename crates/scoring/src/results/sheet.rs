@@ -383,6 +383,9 @@ impl TextTable {
                         let confidence = score.map_or(Ok(1.0), |score| cells.number(score))?;
                         points.boxes.push(converter.size(size, confidence)?);
                     }
+                    if more.diameter.is_some() {
+                        points.diameters_um.push(converter.diameter(cells.number_or_nan(more.diameter)?)?);
+                    }
                     match more.axis {
                         Some(AxisColumns::Vector(columns)) => {
                             let columns = columns.map(Some);
@@ -416,6 +419,7 @@ impl TextTable {
             keep(&mut points.sigma, &has_depth);
             keep(&mut points.boxes, &has_depth);
             keep(&mut points.axes, &has_depth);
+            keep(&mut points.diameters_um, &has_depth);
             keep(&mut velocities, &has_depth);
         }
         points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
@@ -443,6 +447,8 @@ pub(crate) struct OptionalColumns {
     pub size: [Option<usize>; 3],
     /// Symmetry axes of spheroids.
     pub axis: Option<AxisColumns>,
+    /// Diameters, um.
+    pub diameter: Option<usize>,
 }
 
 /// Columns with the symmetry axis of a spheroid.

@@ -41,6 +41,8 @@ pub struct Points {
     /// Symmetry axis of every row (x right, y down, z away from the lens; any length), NaN if missing; empty
     /// if the file has none.
     pub axes: Vec<[f64; 3]>,
+    /// Diameter of every row, um, NaN if missing; empty if the file has none.
+    pub diameters_um: Vec<f64>,
     /// Whether the file has z.
     pub has_z: bool,
     /// Number of rows dropped because a coordinate is missing or NaN.

@@ -103,6 +103,8 @@ pub enum Metric {
     /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids; missed spheroids and
     /// ghosts count as 90 degrees.
     AngleMeanAllDeg,
+    /// `size.right`: particles found with the right class of diameters / (true particles + ghosts).
+    SizeRight,
     /// `field.valid_vector_probability`.
     ValidVectorProbability,
     /// RMS error of displacement of inliers, from `field.u_inliers.rms_px` and `field.v_inliers.rms_px`.
