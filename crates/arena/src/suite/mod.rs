@@ -483,7 +483,7 @@ fn standings(tracks: &[&str], cases: &[CaseScores]) -> Vec<Standing> {
         trackers.sort();
         trackers.dedup();
         let better = Pairs::new(trackers.len(), |a, b| {
-            of_track.iter().map(|case| case.difference(trackers[b], trackers[a])).sum::<i32>().cmp(&0)
+            (of_track.iter().map(|case| case.difference(trackers[b], trackers[a])).sum::<i32>().cmp(&0), 0)
         });
         let mut ranks = vec![0; trackers.len()];
         better.ranks().into_iter().for_each(|(i, rank)| ranks[i] = rank);

@@ -52,7 +52,7 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
         p.soft { "Scored by microsig " (scores.microsig) ". Each case is ranked separately, by the scores in the order of the \
         columns: of two results, the first score whose difference on the particles or nodes of the case is significant decides. \
         All scores of a case are tested together: two results of equal skill are separated in at most 5 % of all cases (intervals in \
-        brackets are 95 % and those of each score alone). The rank is 1 plus the number of results that are better. \
+        brackets are 95 % and those of each score alone). The rank is 1 plus the number of results that are better, directly or through others; different ranks alone are not a separation. \
         Scores of different cases are never averaged. In the standing of a track, of two trackers the one that is better in more cases is ahead; a case \
         without a result is behind all others. The standing is no test: it counts cases. Errors cover found particles only: read them together with recall or F1." }
         @if more.is_site { (contents()) }

@@ -166,10 +166,12 @@ pub(super) fn of_track(track: &TrackSpec, mut orders: Vec<&[scenario::Metric]>) 
 pub(super) fn ranks() -> Markup {
     html! {
         ul {
-            li { "Each case is ranked separately. Two results are compared by all scores of the track together, in paired tests on the same true \
+            li { "Each case is ranked separately. Two results are compared by each score of the track, in paired tests on the same true \
                 tracks or nodes, in 1000 bootstrap resamples that are the same for all results; of two results of equal skill, at most 5 % are \
                 separated. The first score that separates them decides." }
-            li { "The rank is 1 plus the number of results that are better, so the order of two results does not depend on others." }
+            li { "The rank is 1 plus the number of results that are better, directly or through others: a better result ranks first, whoever else \
+                takes part. Different ranks are not a separation: of two results that no score separates, one ranks behind the other if a third \
+                one lies between them." }
             li { "For errors of found particles, the test counts the particles that one result locates more accurately by more than a tenth of the \
                 median error, so leaving out the worst particles gains nothing." }
             li { "A result for which a score is undefined is behind all results for which it is defined." }

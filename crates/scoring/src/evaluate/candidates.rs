@@ -25,7 +25,7 @@ pub type CandidateFrame = (u32, Range<usize>, Range<usize>, Range<usize>);
 /// The candidate pairs of all frames.
 #[derive(Debug, Clone)]
 pub struct Candidates {
-    gate: Gate,
+    pub(super) gate: Gate,
     /// All pairs, sorted by frame, true point, result point.
     pub pairs: Vec<CandidatePair>,
     /// Every frame that has a true or a result point.

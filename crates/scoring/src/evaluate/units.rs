@@ -11,7 +11,7 @@
 //!
 //! A true particle whose gate contains a ghost in addition to its match counts as missed where errors are
 //! compared: of several answers the nearest one is matched, so that many answers would give a small error.
-//! One with a ghost within twice its gate does not count as found where F1 is compared: an additional row raises
+//! One with a ghost within twice its gate, or within its gate in the image plane at any depth, does not count as found where F1 is compared: an additional row raises
 //! F1 if its chance of a match exceeds F1 / 2, so that a poor result would gain by several answers around each
 //! particle, with gates that touch.
 
@@ -22,8 +22,9 @@ use super::detection::error;
 use super::hota;
 use super::matching::{Matching, NONE};
 use super::motion::TrackComparison;
+use super::neighbors::CellGrid;
 use super::statistics::{BLOCKS, Interval, add, intervals};
-use super::track_set::{Position, TrackSet};
+use super::track_set::{Point, Position, TrackSet};
 
 /// Squared error of a particle that is missed.
 pub(crate) const MISSED: f32 = -1.0;
@@ -173,7 +174,7 @@ impl Places {
 pub struct UnitScores {
     /// TP, FN and FP.
     pub(crate) detection: Vec<[f64; 3]>,
-    /// TP that have a ghost within twice their gate; empty in files of earlier versions.
+    /// TP that have a ghost within twice their gate, or within their gate in the image plane; empty in files of earlier versions.
     pub(crate) beside: Vec<f64>,
     /// Correct links, true links, links of the result.
     pub(crate) links: Vec<[f64; 3]>,
@@ -210,7 +211,7 @@ impl UnitScores {
     pub fn is_sound(&self) -> bool {
         let flat = [&self.detection, &self.links, &self.isbi].into_iter().flatten().flatten();
         let more = self.angles.iter().flatten().chain(self.nodes.iter().flatten()).chain(&self.beside);
-        let more = more.chain(self.crps.iter().flatten());
+        let more = more.chain(self.crps.iter().flatten()).chain(self.sizes.iter().flatten());
         let mut sums = flat.chain(more).chain(self.hota.iter().flatten());
         let mut errors = [&self.xy, &self.z, &self.velocity].into_iter().flatten();
         let units = self.detection.len();
@@ -244,7 +245,8 @@ impl Divided<'_> {
         };
         let xy = (0..t.len()).map(|i| squared(i, &[0, 1])).collect();
         let z = (0..t.len()).filter(|_| self.depth).map(|i| squared(i, &[2])).collect();
-        let beside = self.with_ghost(2.0);
+        let mut beside = self.with_ghost(2.0);
+        self.mark_with_ghost_in_plane(&mut beside);
         let is_beside = (0..t.len()).filter(|&i| beside[i] && self.matching.of_truth[i] != NONE);
         let beside =
             units.sums(is_beside.map(|i| (units.of_truth(i), [1.0]))).into_iter().map(|[n]| n).collect();
@@ -264,6 +266,24 @@ impl Divided<'_> {
             near[pair.truth as usize] |= is_ghost && pair.squared < gates * gates;
         }
         near
+    }
+
+    /// Marks the true particles within whose gate in the image plane lies a ghost, at any depth: several depths for each
+    /// position are several answers, too.
+    fn mark_with_ghost_in_plane(&self, marked: &mut [bool]) {
+        let ((t, r), reach_px) = (self.clouds, self.candidates.gate.xy_px);
+        for (_, truths, results, _) in &self.candidates.frames {
+            let is_ghost = |j: &usize| self.matching.of_result[*j] == NONE;
+            let ghosts: Vec<Point> = results.clone().filter(is_ghost).map(|j| r.points[j]).collect();
+            let grid = CellGrid::new(&ghosts, reach_px);
+            for i in truths.clone() {
+                let at = &t.points[i].at;
+                grid.around(&t.points[i], |k| {
+                    let other = &ghosts[k as usize].at;
+                    marked[i] |= (other.x_px - at.x_px).hypot(other.y_px - at.y_px) < reach_px;
+                });
+            }
+        }
     }
 
     /// Squared errors of velocities, see [`UnitScores`]; empty if those of the truth are unknown.

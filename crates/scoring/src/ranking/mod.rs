@@ -1,9 +1,9 @@
 //! Ranking of results for the same dataset by several criteria in order of priority.
 //!
-//! Two results are compared on the units that both share (`paired.rs`), by all criteria together: of two results of
-//! equal skill, the probability that any criterion separates them is at most 5 % (Holm, Scand. J. Stat. 6, 65, 1979).
-//! The first criterion that separates them decides. Ranks follow from these pairs (`order.rs`), so that the order of a
-//! pair does not depend on who else takes part.
+//! Two results are compared on the units that both share (`paired.rs`), by all criteria: of two results of equal skill, the
+//! probability that any criterion separates them is at most 5 % (Bonferroni). The first criterion that separates them
+//! decides. The level of a criterion does not depend on the others: by Holm's procedure, a result could gain by a worse
+//! second score, whose rejection raises the level of the first. Ranks follow from these pairs (`order.rs`).
 
 mod metric;
 mod order;
@@ -42,21 +42,11 @@ pub fn pairs(contestants: &[Contestant<'_>], criteria: &[Metric], seed: u64) -> 
         .map(|metric| contestants.iter().map(|of| Paired::new(*metric, of, &draws)).collect())
         .collect();
     Pairs::new(contestants.len(), |a, b| {
-        let differences: Vec<_> = compared.iter().map(|of| of[a].difference(&of[b], &draws)).collect();
-        // Holm: while criteria are left, those significant at the error divided by their number are settled.
-        let mut found = vec![Ordering::Equal; differences.len()];
-        loop {
-            let left: Vec<usize> = (0..found.len()).filter(|&k| found[k].is_eq()).collect();
-            let level = FAMILY_ERROR / left.len().max(1) as f64;
-            left.iter().for_each(|&k| found[k] = differences[k].significant(level));
-            if left.iter().all(|&k| found[k].is_eq()) {
-                // A positive difference: a is better and comes first.
-                return found
-                    .into_iter()
-                    .find(|order| order.is_ne())
-                    .map_or(Ordering::Equal, Ordering::reverse);
-            }
-        }
+        let level = FAMILY_ERROR / criteria.len().max(1) as f64;
+        let orders = compared.iter().map(|of| of[a].difference(&of[b], &draws).significant(level));
+        let decided = orders.enumerate().find(|(_, order)| order.is_ne());
+        // A positive difference: a is better and comes first.
+        decided.map_or((Ordering::Equal, 0), |(criterion, order)| (order.reverse(), criterion))
     })
 }
 

@@ -224,6 +224,53 @@ fn axes_of_ghosts_and_a_constant_axis_gain_nothing() {
     assert!(is_behind(&own, &Points { axes: random, ..own.clone() }, &S));
 }
 
+/// Without any information on depth, three guesses for each particle are no better than one.
+#[test]
+fn several_depths_for_each_position_gain_nothing() {
+    let guesses = |offsets_um: &[f64]| {
+        let mut points = genuine();
+        let guess = |row: &TrackRow| 80.0 * chance(31, row.frame * 100 + row.track as u32);
+        let at =
+            |row: &TrackRow, off_um: f64| Position { z_um: (guess(row) + off_um) % 80.0 - 40.0, ..row.at };
+        let of = |off_um: &f64| -> Vec<TrackRow> {
+            points.rows.iter().map(|row| TrackRow { track: -1, at: at(row, *off_um), ..*row }).collect()
+        };
+        points.rows = offsets_um.iter().flat_map(of).collect();
+        points
+    };
+    let results = [guesses(&[0.0]), guesses(&[0.0, 27.0, 54.0])].map(|points| scored(&points));
+    let f1 = results.each_ref().map(|e| e.score.detection.as_ref().and_then(|d| d.f1).unwrap());
+    assert!(f1[1] > f1[0] + 0.05, "{f1:?}");
+    let contestants = results.each_ref().map(|e| Contestant { score: &e.score, units: Some(&e.units) });
+    let ranks = rank(&contestants, &[Metric::F1], 1);
+    assert_eq!(ranks[0], (0, 1), "{ranks:?}");
+}
+
+/// A result whose second score is worse does not gain: the level of the first does not depend on it.
+#[test]
+fn a_worse_second_score_separates_nothing_by_the_first() {
+    let without_some =
+        |seed: u32, share: f64| without(&genuine(), |row| chance(seed, row.track as u32) < share);
+    let noisy = |points: &Points, px: f64| {
+        let mut all = points.clone();
+        let noise = |i: usize| px * (chance(41, i as u32) - 0.5);
+        all.rows.iter_mut().enumerate().for_each(|(i, row)| row.at.y_px += noise(i));
+        all
+    };
+    for seed in 0..40 {
+        let (better, other) = (without_some(50 + seed, 0.02), without_some(90 + seed, 0.12));
+        let ranked = |first: &Points| {
+            let both = [scored(first), scored(&other)];
+            let contestants = both.each_ref().map(|e| Contestant { score: &e.score, units: Some(&e.units) });
+            rank(&contestants, &[Metric::F1, Metric::RmseXyPx], 1)
+        };
+        // Noise that changes no match: of the same F1 and a larger error.
+        let (before, after) = (ranked(&better), ranked(&noisy(&better, 2.0)));
+        let lead = |ranks: &[(usize, usize)]| ranks.iter().find(|of| of.0 == 1).map(|of| of.1) == Some(2);
+        assert!(!lead(&after) || lead(&before), "{seed}: {before:?} {after:?}");
+    }
+}
+
 #[test]
 fn diameters_of_ghosts_one_for_all_and_those_of_easy_particles_gain_nothing() {
     let sizes: [Metric; 3] = [Metric::SizeRight, Metric::F1, Metric::RmseXyPx];
