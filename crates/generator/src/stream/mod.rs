@@ -15,6 +15,7 @@ mod sampler;
 mod window;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 pub use batch::Batch;
 pub use distribution::{Distribution, Drawn};
@@ -24,6 +25,7 @@ use microsig_core::sensor::ImageFormat;
 use sampler::{Key, MAX_OPTICS, Sampler};
 use scenario::{Assignment, Parsed, Scenario};
 use storage::error::{Error, Result};
+use storage::problem::{Place, Problem, Source};
 pub use window::Window;
 
 /// The two disjoint parts of the samples.
@@ -215,7 +217,32 @@ impl SampleStream {
             Assignment { path: path.to_owned(), value: value.unwrap_or(drawn.text) }
         });
         let assignments: Vec<Assignment> = options.assignments.iter().cloned().chain(varied).collect();
-        self.parsed.resolve(&assignments, Some(self.seed_of(index)), &self.context)
+        let resolved = self.parsed.resolve(&assignments, Some(self.seed_of(index)), &self.context);
+        resolved.map_err(|error| match error {
+            Error::Problems(problems) => {
+                Error::Problems(problems.into_iter().map(|problem| self.named(index, problem)).collect())
+            }
+            other => other,
+        })
+    }
+
+    /// A problem with a varied value as one of its key and its draw, which the user knows.
+    fn named(&self, index: u64, problem: Problem) -> Problem {
+        let source = problem.place.as_ref().map(|place| &place.source).filter(|source| !source.is_file);
+        let varied = source.and_then(|source| {
+            let is_own = |(path, _): &&(String, Distribution)| {
+                source.name.strip_prefix(&**path).is_some_and(|rest| rest.starts_with('='))
+            };
+            Some((source, self.options.vary.iter().find(is_own)?))
+        });
+        let Some((source, (path, _))) = varied else { return problem };
+        let drawn = &source.text[source.value_at..];
+        let drawn = drawn.parse().map_or(drawn.to_owned(), |number: f64| format!("{number:.4}"));
+        let name = format!("vary {path}, {drawn} in sample {index}");
+        let source = Source { name, text: source.text.clone(), ..Source::assignment(path, "") };
+        let place =
+            problem.place.as_ref().map(|place| Place { source: Arc::new(source), span: place.span.clone() });
+        Problem { place, ..problem }
     }
 
     /// Computes a sample.

@@ -7,6 +7,10 @@ const SCENARIO: &str = r#"(name: "ml", optics: (preset: setting1, background_noi
     motion: flow(field: uniform()), particles: (number: count(1)), boundaries: (z_um: (-60, 0)), timing: pairs(count: 1))"#;
 
 fn stream(values: &[(&str, &str)], vary: (&str, f64, f64), labels: LabelOptions) -> SampleStream {
+    made(values, vary, labels).unwrap()
+}
+
+fn made(values: &[(&str, &str)], vary: (&str, f64, f64), labels: LabelOptions) -> Result<SampleStream> {
     let assignment = |(path, value): &(&str, &str)| format!("{path}={value}").parse().unwrap();
     let (path, low, high) = vary;
     SampleStream::new(StreamOptions {
@@ -22,7 +26,19 @@ fn stream(values: &[(&str, &str)], vary: (&str, f64, f64), labels: LabelOptions)
         rows: 0,
         window: None,
     })
-    .unwrap()
+}
+
+#[test]
+fn errors_name_the_key_and_the_draw() {
+    let error = |vary| made(&[], vary, LabelOptions::default()).unwrap_err().to_string();
+    let unknown = error(("optics.na", 0.2, 0.3));
+    assert!(
+        unknown.starts_with("vary optics.na, 0.2") && unknown.contains("in sample 0: unknown key"),
+        "{unknown}"
+    );
+    assert!(unknown.contains("`numerical_aperture`") && !unknown.contains("optics.na="), "{unknown}");
+    let range = error(("optics.numerical_aperture", 1.5, 3.0));
+    assert!(range.starts_with("vary optics.numerical_aperture, ") && range.contains("< 1"), "{range}");
 }
 
 const APERTURE: (&str, f64, f64) = ("optics.numerical_aperture", 0.28, 0.32);
