@@ -30,15 +30,11 @@ pub(super) struct View {
     path: Option<PathBuf>,
     /// Results for the dataset; for a sweep, folders with a result for each case, CASE.csv or CASE/result.csv
     results: Vec<PathBuf>,
-    /// Port [default: a free one]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
-    port: u16,
+    #[command(flatten)]
+    options: ViewOptions,
     /// Print the address but do not open a browser
     #[arg(long)]
     no_browser: bool,
-    /// Keep running after the last page is closed
-    #[arg(long)]
-    stay: bool,
     /// Write dataset, results and leaderboard to a single page that opens without the program (at most 64
     /// MB), instead of serving
     #[arg(long, value_name = "FILE.html", value_parser = output())]
@@ -71,8 +67,7 @@ impl View {
             let text = format!("{}: {frames} frames, {mb:.1} MB", exported.out.display());
             return written(out, &text, &exported, common);
         }
-        let options = ViewOptions { port: self.port, stay: self.stay };
-        serve(subject, options, |Served { address, title }| {
+        serve(subject, self.options, |Served { address, title }| {
             report(&format!("{title}: {address}"), &json!({ "address": address, "title": title }), common)?;
             if !self.no_browser {
                 open_browser(address);

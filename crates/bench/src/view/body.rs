@@ -1,38 +1,22 @@
 //! Response bodies that are sent in pieces: streams of messages.
 
 use std::convert::Infallible;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 use axum::body::{Body, Bytes};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use http_body::Frame;
-use tokio::sync::mpsc::{self, Receiver, Sender};
+use futures_util::stream::unfold;
+use tokio::sync::mpsc::{self, Sender};
 
 /// Chunks that wait to be sent.
 const WAITING: usize = 2;
-
-/// A response body with the chunks received from a channel.
-pub(super) struct Channel(Receiver<Bytes>);
-
-impl http_body::Body for Channel {
-    type Data = Bytes;
-    type Error = Infallible;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
-        self.0.poll_recv(context).map(|piece| piece.map(|piece| Ok(Frame::data(piece))))
-    }
-}
 
 /// A streamed response and the sender of its chunks; sending fails once the client has disconnected.
 pub(super) fn stream() -> (Sender<Bytes>, Response) {
     let (sender, receiver) = mpsc::channel(WAITING);
     let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
-    (sender, (kind, Body::new(Channel(receiver))).into_response())
+    let chunks = unfold(receiver, async |mut all| Some((Ok::<_, Infallible>(all.recv().await?), all)));
+    (sender, (kind, Body::from_stream(chunks)).into_response())
 }
 
 /// A message of a stream: lengths of JSON and block (32 bit, little endian), then JSON and block.

@@ -2,7 +2,7 @@
 //! for the page.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
@@ -26,54 +26,23 @@ pub(super) struct Indexed {
 
 impl Indexed {
     /// Indexes a table in one pass.
-    ///
-    /// # Errors
-    /// A file that cannot be read; a first column that is not sorted whole numbers.
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let failed = |e| Error::read(path, e);
-        let mut reader = BufReader::with_capacity(1 << 18, input::open(path)?);
-        let mut header = String::new();
-        let mut at = (&mut reader).take(1 << 16).read_line(&mut header).map_err(failed)? as u64;
-        let header: Vec<String> = header.trim_end().split(',').map(str::to_owned).collect();
+        let failed = |e: csv::Error| Error::input(format!("{}: {e}", path.display()));
+        let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(input::open(path)?);
+        let header = reader.headers().map_err(failed)?.iter().map(str::to_owned).collect();
         let mut starts: Vec<(u32, u64, u64)> = Vec::new();
-        // State of the current row: value of the first cell so far, whether it continues, byte offset of the
-        // row; and the number of rows.
-        let (mut number, mut in_first, mut row_at, mut rows) = (0u32, true, at, 0u64);
-        loop {
-            let piece = reader.fill_buf().map_err(failed)?;
-            if piece.is_empty() {
-                break;
+        let (mut row, mut rows) = (csv::ByteRecord::new(), 0);
+        let mut at = reader.position().byte();
+        while reader.read_byte_record(&mut row).map_err(failed)? {
+            let first = row.get(0).filter(|cell| !cell.is_empty()).unwrap_or(b"0");
+            let number = std::str::from_utf8(first).ok().and_then(|cell| cell.parse().ok());
+            let last = starts.last().map(|(last, ..)| *last);
+            match number {
+                Some(number) if last.is_none_or(|last| last < number) => starts.push((number, at, rows)),
+                Some(number) if last == Some(number) => {}
+                _ => return Err(unsorted(path, rows)),
             }
-            let (n, mut i) = (piece.len(), 0);
-            while i < n {
-                if !in_first {
-                    // The rest of the row is skipped.
-                    match piece[i..].iter().position(|byte| *byte == b'\n') {
-                        None => break,
-                        Some(length) => i += length + 1,
-                    }
-                    (number, in_first, row_at) = (0, true, at + i as u64);
-                    continue;
-                }
-                match piece[i] {
-                    digit @ b'0'..=b'9' => {
-                        number = number.saturating_mul(10).saturating_add(u32::from(digit - b'0'));
-                    }
-                    b',' => {
-                        in_first = false;
-                        match starts.last() {
-                            Some((last, ..)) if *last > number => return Err(unsorted(path, rows)),
-                            Some((last, ..)) if *last == number => {}
-                            _ => starts.push((number, row_at, rows)),
-                        }
-                        rows += 1;
-                    }
-                    _ => return Err(unsorted(path, rows)),
-                }
-                i += 1;
-            }
-            at += n as u64;
-            reader.consume(n);
+            (rows, at) = (rows + 1, reader.position().byte());
         }
         Ok(Indexed { path: path.to_owned(), header, starts, end: at })
     }
@@ -94,9 +63,6 @@ impl Indexed {
     }
 
     /// The rows of a number, and the number of rows before them in the table.
-    ///
-    /// # Errors
-    /// A file that has changed; too many rows for a response.
     pub(super) fn rows(&self, number: u32) -> Result<(Vec<Vec<f64>>, u64)> {
         let Ok(k) = self.starts.binary_search_by_key(&number, |(number, ..)| *number) else {
             return Ok((Vec::new(), 0));

@@ -51,9 +51,6 @@ fn once<T>(cell: &Once<T>, make: impl FnOnce() -> Result<T>) -> Result<Arc<T>> {
 
 impl OpenDataset {
     /// Reads the manifest of a dataset.
-    ///
-    /// # Errors
-    /// A dataset that is unfinished, or whose manifest does not list all images.
     pub(super) fn open(folder: &Path, context: &Context) -> Result<Self> {
         let mut manifest = Manifest::read(folder)?;
         let resources = std::mem::take(&mut manifest.resources);
@@ -104,9 +101,6 @@ impl OpenDataset {
     }
 
     /// Properties that the page needs before it shows a frame.
-    ///
-    /// # Errors
-    /// A manifest without the size of the images.
     pub(super) fn about(&self) -> Result<Value> {
         let (facts, (width, height)) = (&self.manifest.microsig, self.size_px()?);
         Ok(json!({
@@ -126,9 +120,6 @@ impl OpenDataset {
     }
 
     /// The counts of a frame as 16-bit little-endian numbers; `None` if there is no such frame.
-    ///
-    /// # Errors
-    /// An image that cannot be read or does not have the size given in the manifest.
     pub(super) fn counts(&self, frame: usize) -> Result<Option<Vec<u8>>> {
         let Some(image) = self.images.get(frame) else { return Ok(None) };
         let path = self.folder.join(image);

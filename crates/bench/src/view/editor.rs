@@ -54,9 +54,6 @@ pub(super) fn about(subject: &Subject) -> Result<Value> {
 }
 
 /// Writes the scenario's file.
-///
-/// # Errors
-/// A page that was opened without a file; an I/O error.
 pub(super) fn save(subject: &Subject, text: &str) -> Result<Value> {
     let Some(file) = &subject.scenario else {
         return Err(Error::input("no file to save to: open the page with `microsig view FILE.ron`"));

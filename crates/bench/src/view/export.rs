@@ -64,9 +64,6 @@ pub(super) const MODULES: [&str; 11] = [
 ];
 
 /// Writes datasets and results to a single page.
-///
-/// # Errors
-/// A subject without a dataset; frames that do not exist; an existing file, unless `force`; an I/O error.
 pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     options.out.may_write(options.force)?;
     if subject.datasets.is_empty() {

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use axum::Router;
-use axum::body::{Body, Bytes, to_bytes};
-use axum::extract::{Path, RawQuery, State};
+use axum::body::{Body, Bytes};
+use axum::extract::{DefaultBodyLimit, Path, RawQuery, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
@@ -18,9 +18,6 @@ use storage::error::{Error, Result};
 
 /// Maximum body of a request (a scenario), bytes.
 const MAX_BODY: usize = 1 << 20;
-
-/// Time limit for the body of a request.
-const BODY_TIME: std::time::Duration = std::time::Duration::from_secs(10);
 
 /// Interval of heartbeats to an open page.
 const HEARTBEAT: std::time::Duration = std::time::Duration::from_secs(1);
@@ -49,6 +46,7 @@ pub(super) fn all() -> Router<Arc<App>> {
         .route("/dataset/{dataset}/result/{tracker}/vectors/{pair}", get(vectors))
         .route("/dataset/{dataset}/result/{tracker}/worst", get(worst))
         .route("/board/{dataset}/{tracker}", get(entry))
+        .layer(DefaultBodyLimit::max(MAX_BODY))
 }
 
 /// The page.
@@ -80,29 +78,27 @@ fn refused(error: &Error) -> Response {
     (StatusCode::UNPROCESSABLE_ENTITY, [(header::CONTENT_TYPE, "application/json")], text).into_response()
 }
 
-/// Runs a job on a worker thread and sends its result as JSON.
-async fn work(app: Arc<App>, of: impl FnOnce(&App) -> Result<Option<Value>> + Send + 'static) -> Response {
-    let shared = Arc::clone(&app);
-    let done = app.job(move || of(&shared).map(|value| value.map(|value| value.to_string()))).await;
-    match done {
-        None => StatusCode::TOO_MANY_REQUESTS.into_response(),
-        Some(Ok(Some(text))) => ([(header::CONTENT_TYPE, "application/json")], text).into_response(),
-        Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
-        Some(Err(error)) => refused(&error),
+/// Runs a job on a worker thread and sends its result, of this media type.
+async fn send<T: Into<Body> + Send + 'static>(
+    kind: &'static str,
+    of: impl FnOnce() -> Result<Option<T>> + Send + 'static,
+) -> Response {
+    match tokio::task::spawn_blocking(of).await {
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        Ok(Ok(Some(body))) => ([(header::CONTENT_TYPE, kind)], body.into()).into_response(),
+        Ok(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
+        Ok(Err(error)) => refused(&error),
     }
 }
 
-/// Reads the body of a request, with limits on size and time.
-async fn text(body: Body) -> std::result::Result<String, StatusCode> {
-    let read = tokio::time::timeout(BODY_TIME, to_bytes(body, MAX_BODY)).await;
-    let bytes = read.map_err(|_| StatusCode::REQUEST_TIMEOUT)?.map_err(|_| StatusCode::PAYLOAD_TOO_LARGE)?;
-    String::from_utf8(bytes.into()).map_err(|_| StatusCode::BAD_REQUEST)
+/// Runs a job on a worker thread and sends its result as JSON.
+async fn work(app: Arc<App>, of: impl FnOnce(&App) -> Result<Option<Value>> + Send + 'static) -> Response {
+    send("application/json", move || of(&app).map(|value| value.map(|value| value.to_string()))).await
 }
 
 /// A stream of one byte per second, which lasts as long as the page is open.
 async fn alive(State(app): Shared) -> Response {
-    let Some(viewer) = app.viewer() else { return StatusCode::TOO_MANY_REQUESTS.into_response() };
-    let (sender, response) = body::stream();
+    let (viewer, (sender, response)) = (app.viewer(), body::stream());
     tokio::spawn(async move {
         let _viewer = viewer;
         // A closed page closes the channel.
@@ -123,25 +119,17 @@ async fn start(State(app): Shared) -> Response {
     work(app, |app| editor::about(app.subject()).map(Some)).await
 }
 
-async fn save(State(app): Shared, body: Body) -> Response {
-    match text(body).await {
-        Ok(text) => work(app, move |app| editor::save(app.subject(), &text).map(Some)).await,
-        Err(status) => status.into_response(),
-    }
+async fn save(State(app): Shared, text: String) -> Response {
+    work(app, move |app| editor::save(app.subject(), &text).map(Some)).await
 }
 
-async fn preview_of(State(app): Shared, body: Body) -> Response {
-    let text = match text(body).await {
-        Ok(text) => text,
-        Err(status) => return status.into_response(),
-    };
+async fn preview_of(State(app): Shared, text: String) -> Response {
     let (cancellation, (sender, response)) = (app.next_preview(), body::stream());
     let (reader, unread) = (sender.clone(), cancellation.clone());
     let watch = tokio::spawn(async move {
         reader.closed().await;
         unread.cancel();
     });
-    // Not subject to the limit on jobs, as it waits for the previous preview to stop.
     tokio::task::spawn_blocking(move || {
         preview::run(&app, &text, cancellation, sender);
         watch.abort();
@@ -154,19 +142,10 @@ async fn dataset(State(app): Shared, Path(dataset): Path<usize>) -> Response {
 }
 
 async fn frame(State(app): Shared, Path((dataset, frame)): Path<(usize, usize)>) -> Response {
-    let shared = Arc::clone(&app);
-    let counts = app.job(move || match shared.dataset(dataset)? {
-        Some(open) => open.counts(frame),
-        None => Ok(None),
-    });
-    match counts.await {
-        None => StatusCode::TOO_MANY_REQUESTS.into_response(),
-        Some(Ok(Some(counts))) => {
-            ([(header::CONTENT_TYPE, "application/octet-stream")], counts).into_response()
-        }
-        Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
-        Some(Err(error)) => refused(&error),
-    }
+    send("application/octet-stream", move || {
+        app.dataset(dataset)?.map_or(Ok(None), |open| open.counts(frame))
+    })
+    .await
 }
 
 async fn truth(State(app): Shared, Path((dataset, frame)): Path<(usize, u32)>) -> Response {

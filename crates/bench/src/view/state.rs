@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use microsig_core::cancel::Cancellation;
-use tokio::sync::{Notify, Semaphore};
+use tokio::sync::Notify;
 
 use super::dataset::OpenDataset;
 use super::result::OpenResult;
@@ -19,12 +19,6 @@ const OPEN_DATASETS: usize = 3;
 
 /// Maximum number of results in memory.
 const OPEN_RESULTS: usize = 6;
-
-/// Maximum number of concurrent jobs.
-const JOBS: usize = 2;
-
-/// Maximum number of waiting jobs; more are refused.
-const WAITING_JOBS: u64 = 256;
 
 /// Time without an open page after which the program ends.
 const ALONE: Duration = Duration::from_secs(5);
@@ -39,8 +33,6 @@ pub(super) struct App {
     results: Cache<(usize, usize), OpenResult>,
     /// Locked while a result is scored: scoring may need much memory.
     scoring: Mutex<()>,
-    jobs: Arc<Semaphore>,
-    waiting: AtomicU64,
     /// Cancels the running preview.
     preview: Mutex<Cancellation>,
     /// Locked by the running preview.
@@ -51,9 +43,6 @@ pub(super) struct App {
     ended: AtomicBool,
     end: Notify,
 }
-
-/// Maximum number of open pages; each holds a connection as long as it is open.
-const PAGES: u64 = 64;
 
 /// A cache of open values, ordered by last use.
 #[derive(Debug)]
@@ -114,8 +103,6 @@ impl App {
             datasets: Cache::at_most(OPEN_DATASETS),
             results: Cache::at_most(OPEN_RESULTS),
             scoring: Mutex::default(),
-            jobs: Arc::new(Semaphore::new(JOBS)),
-            waiting: AtomicU64::new(0),
             preview: Mutex::default(),
             previewing: Arc::default(),
             viewers: AtomicU64::new(0),
@@ -179,26 +166,6 @@ impl App {
         Ok(Some(self.results.keep((dataset, tracker), OpenResult::open(&entry.folder, path)?)))
     }
 
-    /// Runs a job on a worker thread; `None` if too many jobs are waiting, or if it panics.
-    pub(super) async fn job<T: Send + 'static>(
-        &self,
-        work: impl FnOnce() -> T + Send + 'static,
-    ) -> Option<T> {
-        if self.waiting.fetch_add(1, Ordering::SeqCst) >= WAITING_JOBS {
-            self.waiting.fetch_sub(1, Ordering::SeqCst);
-            return None;
-        }
-        let permit = Arc::clone(&self.jobs).acquire_owned().await;
-        self.waiting.fetch_sub(1, Ordering::SeqCst);
-        let permit = permit.ok()?;
-        tokio::task::spawn_blocking(move || {
-            let _permit = permit;
-            work()
-        })
-        .await
-        .ok()
-    }
-
     /// Cancels the running preview; returns the cancellation of the next one.
     pub(super) fn next_preview(&self) -> Cancellation {
         let next = Cancellation::default();
@@ -206,12 +173,11 @@ impl App {
         next
     }
 
-    /// Registers a page that has just been opened; `None` if too many are.
-    pub(super) fn viewer(self: &Arc<Self>) -> Option<Viewer> {
-        let more = |viewers| (viewers < PAGES).then_some(viewers + 1);
-        self.viewers.fetch_update(Ordering::SeqCst, Ordering::SeqCst, more).ok()?;
+    /// Registers a page that has just been opened.
+    pub(super) fn viewer(self: &Arc<Self>) -> Viewer {
+        self.viewers.fetch_add(1, Ordering::SeqCst);
         self.seen.store(true, Ordering::SeqCst);
-        Some(Viewer(Arc::clone(self)))
+        Viewer(Arc::clone(self))
     }
 
     /// Tells the program to end.

@@ -56,10 +56,6 @@ const MAX_CASES: usize = 100_000;
 impl Subject {
     /// The subject at a path; `results` are results for a dataset, or folders with results for the cases of a
     /// sweep.
-    ///
-    /// # Errors
-    /// A path that is not a scenario, a dataset or a sweep; results that are missing, or given with a
-    /// scenario.
     pub fn of(path: Option<&Path>, results: &[PathBuf]) -> Result<Self> {
         let Some(path) = path else { return Ok(Subject::default()) };
         if path.is_dir() {

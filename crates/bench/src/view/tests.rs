@@ -157,13 +157,19 @@ fn strangers_are_refused() {
         assert_eq!(refused(path, ""), 403, "{path}");
     }
     // Another name for this machine, as used in DNS rebinding.
-    for host in ["evil.example", &format!("evil.example:{port}"), "127.0.0.1:1", "127.0.0.1", "[::1]"] {
+    let hosts = ["evil.example", "127.0.0.1:1", "127.0.0.1", "", "[::1]"].map(str::to_owned);
+    for host in hosts
+        .into_iter()
+        .chain(["evil.example:", "[::1]:", "127.0.0.1.evil.example:"].map(|of| format!("{of}{port}")))
+    {
         assert_eq!(refused(&page, &format!("Host: {host}\r\n")), 403, "{host}");
     }
     assert_eq!(refused(&page, &format!("Host: localhost:{port}\r\n")), 200);
     // Another page's request.
-    assert_eq!(refused(&page, "Origin: http://evil.example\r\n"), 403);
-    assert_eq!(refused(&page, "Origin: null\r\n"), 403);
+    for origin in ["http://evil.example", "null", "http://127.0.0.1:1", &format!("https://127.0.0.1:{port}")]
+    {
+        assert_eq!(refused(&page, &format!("Origin: {origin}\r\n")), 403, "{origin}");
+    }
     assert_eq!(
         server.send("POST", &format!("{page}scenario"), "Origin: http://evil.example\r\n", "x").status,
         403
@@ -231,31 +237,10 @@ fn no_path_leads_out_of_the_lists() {
 #[test]
 fn too_much_is_refused() {
     let server = Server::of(Subject::default());
-    let long = "a".repeat(5000);
-    assert_eq!(server.get(&format!("about?{long}")).status, 414);
-    assert_eq!(server.get(&long).status, 414);
     let large = "(".repeat((1 << 20) + 1);
     for path in ["preview", "scenario"] {
         assert_eq!(server.send("POST", &server.path(path), "", &large).status, 413, "{path}");
     }
-    assert_eq!(server.send("DELETE", &server.path("scenario"), "", "").status, 405);
-    assert_eq!(server.send("POST", &server.path("about"), "", "").status, 405);
-    assert!(server.is_alive());
-}
-
-#[test]
-fn a_thousand_requests_at_once_are_answered_or_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let server = Server::of(Subject::of(Some(&dataset(folder.path())), &[]).unwrap());
-    let paths = "about dataset/0/frame/0 dataset/0/truth/1 dataset/0/depth page/style.css dataset/0/field/0";
-    let paths: Vec<&str> = paths.split(' ').collect();
-    let statuses: Vec<u16> = std::thread::scope(|scope| {
-        let ask = |k: usize| server.get(paths[k % paths.len()]).status;
-        let threads: Vec<_> = (0..1000).map(|k| scope.spawn(move || ask(k))).collect();
-        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
-    });
-    assert!(statuses.iter().all(|status| [200, 429].contains(status)), "{statuses:?}");
-    assert!(statuses.iter().filter(|status| **status == 200).count() > 500);
     assert!(server.is_alive());
 }
 
