@@ -16,7 +16,7 @@ pub(super) fn input() -> impl TypedValueParser<Value = InputFile> {
 }
 
 /// A file that is written; `-` is standard output.
-pub(super) fn output() -> impl TypedValueParser<Value = OutputFile> {
+pub(crate) fn output() -> impl TypedValueParser<Value = OutputFile> {
     PathBufValueParser::new().map(OutputFile::argument)
 }
 

@@ -11,10 +11,10 @@ use serde_json::Value;
 
 /// Parser of the variants of an enum without fields, under the names that they have in files.
 #[derive(Debug, Clone)]
-pub(super) struct Choice<T>(PhantomData<T>);
+pub(crate) struct Choice<T>(PhantomData<T>);
 
 /// See [`Choice`].
-pub(super) fn choice<T>() -> Choice<T> {
+pub(crate) fn choice<T>() -> Choice<T> {
     Choice(PhantomData)
 }
 
@@ -50,9 +50,6 @@ pub fn variants<T: Variants>() -> Vec<T> {
 }
 
 /// The variant of this name.
-///
-/// # Errors
-/// Another name: which ones are expected.
 pub fn variant<T: Variants>(name: &str) -> Result<T, String> {
     serde_json::from_value(Value::String(name.to_owned())).map_err(|_| {
         let variants = Choice::<T>::variants();

@@ -36,6 +36,8 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::sync::{Arc, PoisonError};
 
+pub(crate) use argument::output;
+pub(crate) use choice::choice;
 pub use choice::{Variants, variant, variants};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -189,9 +191,6 @@ impl Verb {
 
 impl Cli {
     /// Runs the verb.
-    ///
-    /// # Errors
-    /// Errors of the verb; [`Error::exit_code`] is the exit code.
     pub fn run(mut self) -> Result<()> {
         let common = &mut self.common;
         if self.version {
@@ -216,9 +215,6 @@ impl Cli {
 
     /// Runs a verb for a program, in its threads: prints nothing and never exits. A check that failed after
     /// the verb had a result is part of the answer.
-    ///
-    /// # Errors
-    /// Arguments that cannot be parsed; errors of the verb.
     pub fn call(arguments: &[OsString], progress: Progress) -> Result<Answer> {
         // The standard streams are those of the program: for it, `-` is a file like any other.
         let arguments = arguments.iter().map(|argument| match argument.to_str() {

@@ -50,15 +50,28 @@ enum Action {
     Release(Release),
 }
 
-/// The datasets to work on.
+/// The cases to work on.
 #[derive(Debug, Args)]
-struct Selection {
+struct Cases {
     /// Only this track
     #[arg(long, value_name = "NAME")]
     track: Option<String>,
     /// Only this case
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
+}
+
+impl Cases {
+    fn selection(&self) -> SuiteSelection {
+        SuiteSelection { track: self.track.clone(), case: self.case.clone(), ..SuiteSelection::default() }
+    }
+}
+
+/// The datasets to work on.
+#[derive(Debug, Args)]
+struct Selection {
+    #[command(flatten)]
+    cases: Cases,
     /// Only train, val or test
     #[arg(long, value_name = "SPLIT")]
     split: Option<String>,
@@ -69,10 +82,9 @@ struct Selection {
 impl Selection {
     fn read(&self, common: &Common) -> Result<SuiteSelection> {
         Ok(SuiteSelection {
-            track: self.track.clone(),
-            case: self.case.clone(),
             split: self.split.as_deref().map(Split::parse).transpose()?,
             shard: self.shard.read(common)?,
+            ..self.cases.selection()
         })
     }
 }
@@ -145,12 +157,8 @@ struct Score {
     /// Output folder of the scores
     #[arg(long, short, value_name = "OUT", value_parser = folder())]
     out: PathBuf,
-    /// Only this track
-    #[arg(long, value_name = "NAME")]
-    track: Option<String>,
-    /// Only this case
-    #[arg(long, value_name = "NAME")]
-    case: Option<String>,
+    #[command(flatten)]
+    cases: Cases,
     /// Also write a site of the leaderboard with rules and reports, to be copied to any server or opened from
     /// disk
     #[arg(long, value_name = "DIR", value_parser = folder())]
@@ -174,12 +182,8 @@ struct Release {
     /// Output folder of the releases: OUT/TRACK/CASE
     #[arg(long, short, value_name = "OUT", value_parser = folder())]
     out: PathBuf,
-    /// Only this track
-    #[arg(long, value_name = "NAME")]
-    track: Option<String>,
-    /// Only this case
-    #[arg(long, value_name = "NAME")]
-    case: Option<String>,
+    #[command(flatten)]
+    cases: Cases,
     /// Author to cite, as `Family, Given` or the name of a group; may be repeated
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
@@ -415,18 +419,13 @@ fn frozen(suite: &scenario::Suite, size: Size) -> Result<Option<Frozen>> {
 impl Score {
     fn run(&self, common: &Common) -> Result<()> {
         let suite = scenario::Suite::open(&self.suite)?;
-        let selection = SuiteSelection {
-            track: self.track.clone(),
-            case: self.case.clone(),
-            ..SuiteSelection::default()
-        };
         let options = ScoreOptions {
             results: self.results.clone(),
             against: self.against.clone(),
             out: self.out.clone(),
             site: self.site.clone(),
             force: self.replace.force,
-            selection,
+            selection: self.cases.selection(),
             late: self.late,
             seed: self.drawing.seed,
         };
@@ -439,14 +438,9 @@ impl Score {
 impl Release {
     fn run(&self, common: &Common) -> Result<()> {
         let suite = scenario::Suite::open(&self.suite)?;
-        let selection = SuiteSelection {
-            track: self.track.clone(),
-            case: self.case.clone(),
-            ..SuiteSelection::default()
-        };
         let options = SuiteReleaseOptions {
             out: self.out.clone(),
-            selection,
+            selection: self.cases.selection(),
             creators: self.creator.clone(),
             deadline: self.deadline,
             resume: self.resume,

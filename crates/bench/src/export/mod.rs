@@ -16,6 +16,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::cli::{choice, output};
 use generator::runner::DatasetPlace;
 use scoring::evaluate::field::true_field::Displacement;
 use storage::OutputFile;
@@ -77,21 +78,28 @@ pub enum StackImages {
 }
 
 /// Options of an export.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct ExportOptions {
-    /// Output format.
+    /// Output format
+    #[arg(long, value_parser = choice::<ExportFormat>(), value_name = "F")]
     pub format: ExportFormat,
-    /// The output file.
+    /// Output file, `-` for standard output
+    #[arg(long, short, value_name = "PATH", value_parser = output())]
     pub out: OutputFile,
-    /// Image pair, for a field that changes with time.
+    /// Image pair, if the displacement field changes with time
+    #[arg(long, value_name = "N")]
     pub pair: Option<u32>,
-    /// Kind of displacement field.
+    /// Definition of the displacement field
+    #[arg(long, value_parser = choice::<Displacement>(), value_name = "DEFINITION", default_value = "central")]
     pub displacement: Displacement,
-    /// Images of `ome-tiff` and `imagej-stack`.
+    /// Images of ome-tiff and imagej-stack
+    #[arg(long, value_parser = choice::<StackImages>(), value_name = "IMAGES", default_value = "frames")]
     pub images: StackImages,
-    /// Folder of the calibration stack below `calibration/images`, if there are several.
+    /// Folder below calibration/images, such as d_2um, if there are several calibration stacks
+    #[arg(long, value_name = "NAME")]
     pub stack: Option<String>,
-    /// Whether to replace an existing file.
+    /// Replace existing output
+    #[arg(long, short)]
     pub force: bool,
 }
 
@@ -107,10 +115,6 @@ pub struct Exported {
 }
 
 /// Writes the truth or the images of a dataset in another program's format. The file is written atomically.
-///
-/// # Errors
-/// A dataset whose truth is missing or lacks what the format needs; an existing file, unless `force`; an I/O
-/// error.
 pub fn export(dataset: &DatasetPlace, options: &ExportOptions) -> Result<Exported> {
     let out = &options.out;
     out.may_write(options.force)?;
