@@ -29,10 +29,6 @@ pub enum FittedScan {
 
 impl FittedScan {
     /// Fits a scan; `watch` receives progress messages.
-    ///
-    /// # Errors
-    /// Options out of range or, of a field, without wave optics and diameter; a scan that does not determine
-    /// the microscope.
     pub fn of(
         scan: &Scan,
         options: &FitOptions,
@@ -47,18 +43,12 @@ impl FittedScan {
     }
 
     /// Checks the options before the scan is read and the folder claimed.
-    ///
-    /// # Errors
-    /// Options out of range or, of a field, without wave optics and diameter.
     pub fn check(options: &FitOptions, is_field: bool) -> Result<()> {
         options.check()?;
         if is_field { light(options).map(drop) } else { Ok(()) }
     }
 
     /// The result, as in `fit.json` or `field.json`.
-    ///
-    /// # Errors
-    /// A number that cannot be serialized; never observed.
     pub fn result(&self) -> Result<Value> {
         let result = match self {
             FittedScan::Uniform(made) => serde_json::to_value(&made.fitted),
@@ -123,9 +113,6 @@ pub struct FitFolder {
 
 impl FitFolder {
     /// Claims the folder, before a fit that may take long.
-    ///
-    /// # Errors
-    /// An existing folder, unless it is an earlier fit and `force`; writing.
     pub fn start(out: &Path, is_field: bool, force: bool) -> Result<Self> {
         let earlier = Earlier::new(if is_field { "field.json" } else { "fit.json" }, force);
         check_replaceable(out, earlier)?;
@@ -188,9 +175,6 @@ fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
 }
 
 /// Reads particle positions (px) from a table.
-///
-/// # Errors
-/// A table that cannot be read; a position that cannot be on an image, with its line.
 pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
     #[derive(serde::Deserialize)]
     struct Row {

@@ -24,9 +24,6 @@ const SEEDS: u32 = 13;
 const STEPS: u32 = 30;
 
 /// The plot at time 0 as SVG.
-///
-/// # Errors
-/// [`Error::Flow`] if the field's default instance cannot be built.
 pub fn svg(entry: &FieldEntry) -> Result<String> {
     let field = (entry.make)()?;
     draw(entry, field.as_ref()).map_err(|e| Error::input(format!("{}: {e}", entry.name)))

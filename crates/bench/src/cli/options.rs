@@ -28,9 +28,6 @@ impl ScenarioOptions {
 
     /// The scenario, then other ones with the same changes, and variants of the first with one more change (`PATH=VALUE`),
     /// each with its name.
-    ///
-    /// # Errors
-    /// As for [`scenario::load`].
     pub(super) fn load_all(
         &self,
         others: &[InputFile],

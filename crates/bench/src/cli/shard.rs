@@ -18,9 +18,6 @@ pub(super) struct ShardOption {
 
 impl ShardOption {
     /// The shard, which is announced even with `--quiet`: a share must not be mistaken for the whole.
-    ///
-    /// # Errors
-    /// A shard that is neither K/N nor from a Slurm array task.
     pub(super) fn read(&self, common: &Common) -> Result<Shard> {
         let variable = |name: &str| std::env::var(name).ok();
         let shard = match self.shard.as_deref() {

@@ -76,9 +76,6 @@ struct Entry {
 
 impl SweepScores {
     /// Checks, before cases are generated, that results can be written below the sweep's folder.
-    ///
-    /// # Errors
-    /// A folder in a dataset; options of trackers without a tracker.
     pub(super) fn check(&self, out: &Path) -> Result<()> {
         if self.track.is_empty() && self.tracker.are_given() {
             let why = "options of trackers (--max-displacement, ...): expected with --track METHOD";
@@ -89,10 +86,6 @@ impl SweepScores {
     }
 
     /// Tracks, scores and plots the cases of a shard; failed cases are left out.
-    ///
-    /// # Errors
-    /// Existing results, unless they are replaced or, with `resume`, kept if they are newer than what they
-    /// are made of; a tracker that cannot be run.
     pub(super) fn run(
         &self,
         cases: &[&Case],

@@ -81,9 +81,6 @@ impl TrackerOptions {
     }
 
     /// The options of a method.
-    ///
-    /// # Errors
-    /// An aspect ratio of spheres.
     pub(super) fn of(&self, method: &str, common: &Common) -> Result<TrackOptions> {
         if self.aspect_ratio.is_some() && self.shape != ShapeChoice::Spheroid {
             let (ratio, shape) = (option("aspect_ratio"), option("shape").is("spheroid"));

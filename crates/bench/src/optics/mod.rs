@@ -33,9 +33,6 @@ pub struct Optics {
 
 impl Optics {
     /// The optics of a scenario.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn of(scenario: &Scenario) -> Result<Self> {
         let preview = Preview::of(scenario)?;
         let mean = preview.mean();

@@ -80,9 +80,6 @@ fn shown(all: &[Optics]) -> Vec<Shown<'_>> {
 }
 
 /// The picture as SVG: the sizes of one scenario, or the mean sizes of several.
-///
-/// # Errors
-/// [`Error::Input`] if the picture cannot be drawn.
 pub fn svg(all: &[Optics]) -> Result<String> {
     let shown = shown(all);
     let row = CAPTION + TILE + BELOW;
@@ -100,9 +97,6 @@ pub fn svg(all: &[Optics]) -> Result<String> {
 }
 
 /// A picture in SVG as PNG, of 300 dots per inch if it is printed 85 mm wide.
-///
-/// # Errors
-/// [`Error::Input`] without any font, or for a picture that cannot be drawn.
 pub fn png(svg: &str) -> Result<Vec<u8>> {
     let failed = |e: String| Error::input(format!("picture: {e}"));
     let mut options = resvg::usvg::Options::default();
