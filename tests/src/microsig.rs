@@ -63,3 +63,24 @@ pub fn text(bytes: &[u8]) -> String {
 pub fn path(path: &Path) -> &str {
     path.to_str().expect("test paths are UTF-8")
 }
+
+/// What the manifest of a dataset tells.
+pub fn manifest(dataset: &Path) -> serde_json::Value {
+    let text = std::fs::read(dataset.join("datapackage.json")).unwrap();
+    serde_json::from_slice::<serde_json::Value>(&text).unwrap()["microsig"].clone()
+}
+
+/// Names of the files and folders in a folder, sorted.
+pub fn listing(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// The output of `grep ' images/' SHA256SUMS | sha256sum` in a dataset.
+pub fn images_sha256(dataset: &Path) -> String {
+    let sums = std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap();
+    let lines: String = sums.lines().filter(|l| l.contains("  images/")).map(|l| format!("{l}\n")).collect();
+    crate::sha256_of(lines.as_bytes())
+}
