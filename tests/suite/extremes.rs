@@ -8,9 +8,7 @@ use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use suite::microsig::{fail, json, microsig, path, run};
-
-#[cfg(unix)]
-use crate::trial::ends;
+use suite::scan::write_pages;
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -84,46 +82,6 @@ fn tables_of_scores_hold_finite_numbers_only() {
     let (truth, out) = (bare(["inf", "3"]), place.path().join("bare"));
     run(&["evaluate", path(&truth), path(&truth), "--out", path(&out), "--quiet"]);
     numbers_are_finite(&out);
-}
-
-#[test]
-fn values_without_sense_are_refused_at_once_and_shown_short() {
-    let place = tempfile::tempdir().unwrap();
-    let (data, out) = (write(place.path(), "d.txt", b"10 20 -30 2\n"), place.path().join("out"));
-    let set = |key: &str, value: &str| {
-        let changed: String = settings()
-            .lines()
-            .map(|line| match line.split_once(" = ") {
-                Some((name, _)) if name == key => format!("{key} = {value}\n"),
-                _ => format!("{line}\n"),
-            })
-            .collect();
-        write(place.path(), "s.txt", changed.as_bytes())
-    };
-    let render = |settings: &Path, data: &Path| fail(2, &["render", path(settings), path(data), path(&out)]);
-    let said = fail(
-        2,
-        &[
-            "render",
-            path(&set("focal_length", "1e308")),
-            path(&data),
-            path(&out),
-            "--mode",
-            "waves",
-            "--wavelength",
-            "0.5",
-        ],
-    );
-    assert!(said.contains("focal_length = 1e308: expected a number > 0 and <= 1e6"), "{said}");
-    let said = render(&set("gain", "-1e308"), &data);
-    assert!(said.contains("gain = -1e308: expected a number >= 0"), "{said}");
-    let good = set("none", "");
-    for (row, expected) in
-        [("1 1 0 -1e308\n", "d_p = -1e308: expected"), ("1 1 0 1e300\n", "d_p = 1e300 um with")]
-    {
-        let said = render(&good, &write(place.path(), "wide.txt", row.as_bytes()));
-        assert!(said.contains(expected) && said.len() < 300, "{said}");
-    }
 }
 
 #[test]
@@ -208,45 +166,17 @@ fn nothing_is_written_into_a_dataset() {
     run(&["track", path(dataset), "--method", "spots", "--out", path(&place.path().join("r.csv"))]);
 }
 
-/// A gray TIFF with as many pages as asked for, each of one strip.
-fn tiff(pages: usize, (width, height): (u16, u16)) -> Vec<u8> {
-    let mut bytes = b"II*\0".to_vec();
-    bytes.extend(8u32.to_le_bytes());
-    let size = u32::from(width) * u32::from(height);
-    for page in 0..pages {
-        let begin = bytes.len() as u32;
-        let entries: [(u16, u16, u32); 7] = [
-            (256, 3, width.into()),
-            (257, 3, height.into()),
-            (258, 3, 8),
-            (259, 3, 1),
-            (262, 3, 1),
-            (273, 4, begin + 2 + 7 * 12 + 4),
-            (279, 4, size),
-        ];
-        bytes.extend((entries.len() as u16).to_le_bytes());
-        for (tag, kind, value) in entries {
-            bytes.extend(tag.to_le_bytes());
-            bytes.extend(kind.to_le_bytes());
-            bytes.extend(1u32.to_le_bytes());
-            bytes.extend(value.to_le_bytes());
-        }
-        let next = begin + 2 + 7 * 12 + 4 + size;
-        bytes.extend(if page + 1 < pages { next } else { 0 }.to_le_bytes());
-        bytes.extend(std::iter::repeat_n(100, size as usize));
-    }
-    bytes
-}
-
 #[test]
 fn a_background_has_one_page() {
     let place = tempfile::tempdir().unwrap();
     let text = SCENARIO.replace("calibration: none", "sensor: (background: \"b.tif\"), calibration: none");
     let scenario = write(place.path(), "s.ron", text.as_bytes());
-    write(place.path(), "b.tif", &tiff(3, (90, 70)));
+    let background =
+        |pages| write_pages(&place.path().join("b.tif"), (90, 70), &vec![vec![100; 6300]; pages]).unwrap();
+    background(3);
     let said = fail(2, &["generate", path(&scenario), "--dry-run"]);
     assert!(said.contains("b.tif: 3 pages: expected a file with one image"), "{said}");
-    write(place.path(), "b.tif", &tiff(1, (90, 70)));
+    background(1);
     run(&["generate", path(&scenario), "--dry-run"]);
 }
 
@@ -275,42 +205,6 @@ fn a_velocity_grid_smaller_than_the_box_is_told() {
 }
 
 #[test]
-fn a_result_that_leaves_out_frames_comes_after_the_complete_one() {
-    let place = tempfile::tempdir().unwrap();
-    let truth = csv::Reader::from_path(DATASET.1.join("truth/tracks.csv"))
-        .unwrap()
-        .into_deserialize::<std::collections::BTreeMap<String, String>>()
-        .map(Result::unwrap)
-        .collect::<Vec<_>>();
-    // The same result in all frames, and in all but one.
-    let result = |name: &str, keep: &dyn Fn(usize, u32) -> bool| {
-        let mut text = "frame,track,x_px,y_px,z_um\n".to_owned();
-        for (i, row) in truth.iter().enumerate() {
-            let (x, frame) = (row["x_px"].parse::<f64>().unwrap(), row["frame"].parse::<u32>().unwrap());
-            if keep(i, frame) {
-                writeln!(text, "{frame},{},{},{},{}", row["track"], x, row["y_px"], row["z_um"]).unwrap();
-            }
-        }
-        let (file, out) = (write(place.path(), "r.csv", text.as_bytes()), place.path().join(name));
-        run(&["evaluate", path(&DATASET.1), path(&file), "--out", path(&out), "--quiet"]);
-        out
-    };
-    let partial = result("partial", &|i, frame| i % 12 != 7 && frame != 5);
-    let complete = result("complete", &|i, _| i % 12 != 7);
-    let score: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(partial.join("score.json")).unwrap()).unwrap();
-    assert_eq!(score["counts"]["frames_missing"], 1);
-    let board = place.path().join("board");
-    let said = run(&["compare", path(&partial), path(&complete), "--out", path(&board), "--json", "--quiet"]);
-    let compared: serde_json::Value = serde_json::from_str(&said).unwrap();
-    let of = |i: usize, key: &str| compared["entries"][i][key].clone();
-    assert_eq!((of(0, "name"), of(1, "name")), ("complete".into(), "partial".into()), "{said}");
-    assert_eq!((of(0, "missing"), of(1, "missing")), (0.into(), 1.into()));
-    // The intervals of F1 overlap, which does not make them equal.
-    assert!(of(1, "high").as_f64() >= of(0, "low").as_f64(), "{said}");
-}
-
-#[test]
 fn the_lines_on_optics_are_of_the_diameters_that_tracks_tell() {
     let place = tempfile::tempdir().unwrap();
     let text = SCENARIO
@@ -331,75 +225,20 @@ fn the_lines_on_optics_are_of_the_diameters_that_tracks_tell() {
     assert_eq!(sizes, [5.0, 7.0]);
 }
 
-/// A pipe in the place of a file must not be waited for.
-#[cfg(unix)]
-#[test]
-fn pipes_in_the_place_of_files_are_refused_in_time() {
-    let place = tempfile::tempdir().unwrap();
-    let make = |file: &Path| {
-        assert!(std::process::Command::new("mkfifo").arg(file).status().unwrap().success());
-    };
-    let pipe = place.path().join("pipe");
-    make(&pipe);
-    let (settings, dataset) = (DATASET.1.join("settings.txt"), path(&DATASET.1));
-    let (pipe, out) = (path(&pipe), place.path().join("out"));
-    let refused = |words: &[&str]| {
-        let (code, message) = ends(words);
-        let named = message.contains("pipe") || message.contains("expected a file");
-        assert!(code == Some(2) && named, "{words:?}: {code:?} {message}");
-    };
-    let scan = ["--magnification", "10", "--pixel-size", "6.5", "--z-step", "1", "--out", path(&out)];
-    let planes = place.path().join("planes");
-    std::fs::create_dir(&planes).unwrap();
-    make(&planes.join("a.tif"));
-    for words in [
-        vec!["sweep", pipe, "--list"],
-        vec!["render", pipe, pipe, path(&out)],
-        vec!["render", path(&settings), pipe, path(&out)],
-        [&["fit", pipe], &scan[..]].concat(),
-        [&["fit", path(&planes)], &scan[..]].concat(),
-        vec!["evaluate", dataset, pipe],
-    ] {
-        refused(&words);
-    }
-    // Named by a scenario.
-    for (from, to) in [
-        ("pixel_dim_x: 90, pixel_dim_y: 70, points_per_pixel: 4", format!("settings: {pipe:?}")),
-        ("field: poiseuille()", format!("field: gridded(file: {pipe:?})")),
-        ("flow(field: poiseuille())", format!("tracks(file: {pipe:?})")),
-    ] {
-        let scenario = write(place.path(), "pipe.ron", SCENARIO.replace(from, &to).as_bytes());
-        refused(&["generate", path(&scenario), "--out", path(&out)]);
-    }
-    // Within a dataset.
-    let (copy, found) = (place.path().join("copy"), place.path().join("found.csv"));
-    run(&["generate", path(&DATASET.1.join("scenario.ron")), "--out", path(&copy), "--quiet"]);
-    let image = copy.join("images/frame_00000.tif");
-    std::fs::remove_file(&image).unwrap();
-    make(&image);
-    refused(&["track", path(&copy), "--method", "spots", "--out", path(&found)]);
-}
-
 #[test]
 fn images_that_show_nothing_or_saturate_are_told() {
     let place = tempfile::tempdir().unwrap();
-    let scenario = write(place.path(), "s.ron", SCENARIO.as_bytes());
+    // A byte order mark is skipped.
+    let scenario = write(place.path(), "s.ron", format!("\u{feff}{SCENARIO}").as_bytes());
     for (set, expected) in [
         ("optics.gain=0", "the particles emit no light"),
         ("optics.gain=1000", "have pixels saturated at 65535 counts"),
         ("particles.number=count(0)", "no particle is in view"),
+        ("motion.flow.field=uniform(velocity_um_s: (1e9, 0, 0))", "no particle is in both frames"),
     ] {
         let out = place.path().join(expected);
-        let command = [
-            "generate",
-            path(&scenario),
-            "--out",
-            path(&out),
-            "--set",
-            set,
-            "--set",
-            "timing.sequence.frames=2",
-        ];
+        let sets = ["--set", set, "--set", "timing.sequence.frames=2"];
+        let command = [&["generate", path(&scenario), "--out", path(&out)], &sets[..]].concat();
         let said = microsig().args(command).output().unwrap();
         let text = String::from_utf8_lossy(&said.stderr);
         assert!(said.status.success() && text.contains(expected), "{set}: {text}");
