@@ -2,7 +2,6 @@
 //! repository.
 
 pub mod ensemble;
-pub mod error_map;
 pub mod expected;
 pub mod golden;
 pub mod leak;

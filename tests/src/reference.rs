@@ -204,19 +204,6 @@ impl Case {
         }
     }
 
-    /// Differences of the mean images in units of their standard deviation, for each pixel; 0 where both are
-    /// dark.
-    pub fn differences(&self, ours: &Ensemble, theirs: &[f64]) -> Vec<f64> {
-        ours.mean
-            .iter()
-            .zip(theirs)
-            .map(|(&a, &b)| {
-                let spread = self.spread(ours, self.pooled_mean(ours, a, b));
-                if spread > 0.0 { (a - b) / spread.sqrt() } else { 0.0 }
-            })
-            .collect()
-    }
-
     /// The best estimate of a pixel's expectation, assumed equal for both.
     fn pooled_mean(&self, ours: &Ensemble, a: f64, b: f64) -> f64 {
         let (n, k) = (f64::from(ours.images), f64::from(self.images));

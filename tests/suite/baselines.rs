@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use suite::microsig::{fail, generate, json, microsig, path, run, write};
+use suite::microsig::{fail, generate, json, manifest, microsig, path, run, write};
 
 /// Defocused particles on 376 x 240 px, mostly isolated.
 fn defocused(preset: &str, count: u32, pairs: u32) -> String {
@@ -179,16 +179,6 @@ fn mle_measures_the_aspect_ratio_of_each_spheroid() {
     axes_are_measured("mle", &["--aspect-ratio", "each"], "mean_deg", 2.0);
 }
 
-#[test]
-fn only_two_methods_measure_axes() {
-    let folder = tempfile::tempdir().unwrap();
-    let wrong = fail(
-        2,
-        &["track", path(folder.path()), "--method", "spots", "--shape", "spheroid", "--out", "x.csv"],
-    );
-    assert!(wrong.contains("--shape spheroid: expected with --method ncc or mle, not spots"), "{wrong}");
-}
-
 /// At least `found` of three rods, with a mean or median `angle` below 3 degrees.
 fn axes_are_measured(method: &str, ratio: &[&str], angle: &str, found: f64) {
     let folder = tempfile::tempdir().unwrap();
@@ -317,9 +307,7 @@ fn mixtures_of_sizes_are_tracked_with_a_stack_for_each() {
     let dataset = generate(folder.path(), "dataset", &mixed(""));
     let table = std::fs::read_to_string(dataset.join("calibration/calibration.csv")).unwrap();
     assert!(table.lines().next().unwrap().ends_with(",d_um"), "{table}");
-    let manifest: Value =
-        serde_json::from_slice(&std::fs::read(dataset.join("datapackage.json")).unwrap()).unwrap();
-    assert_eq!(manifest["microsig"]["calibration_d_um"], serde_json::json!([2.0, 5.0]));
+    assert_eq!(manifest(&dataset)["calibration_d_um"], serde_json::json!([2.0, 5.0]));
     let card = std::fs::read_to_string(dataset.join("README.md")).unwrap();
     assert!(
         card.contains("particles of 2 and 5 um") && card.contains("| images of 5 um over depth"),
@@ -403,40 +391,4 @@ fn anchors_score_what_they_are_made_of() {
     let nothing = score(folder.path(), "empty");
     assert_eq!(number(&nothing, "/detection/recall"), 0.0);
     assert!(nothing["detection"]["precision"].is_null());
-}
-
-#[test]
-fn wrong_calibration_stacks_and_options_are_named_not_panicked_on() {
-    let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), "dataset", &defocused("setting1", 2, 1));
-    let (dataset, out) = (folder.path().join("dataset"), folder.path().join("out.csv"));
-    let table = dataset.join("calibration/calibration.csv");
-    let whole = std::fs::read_to_string(&table).unwrap();
-    // The third data row, with another depth or position.
-    let changed = |column: usize, value: &str| {
-        let mut lines: Vec<String> = whole.lines().map(str::to_owned).collect();
-        let mut cells: Vec<&str> = lines[3].split(',').collect();
-        cells[column] = value;
-        lines[3] = cells.join(",");
-        std::fs::write(&table, lines.join("\n")).unwrap();
-    };
-    for method in ["ncc", "aptv"] {
-        let command = ["track", path(&dataset), "--method", method, "--out", path(&out)];
-        for (column, name, value) in
-            [(1, "z_um", "NaN"), (2, "x_px", "1000"), (3, "y_px", "-4"), (2, "x_px", "inf")]
-        {
-            changed(column, value);
-            let said = fail(2, &command);
-            assert!(said.contains("calibration.csv:4: ") && said.contains(name), "{method}: {said}");
-            assert!(!out.exists());
-        }
-        // Off-center but inside: only makes templates smaller.
-        changed(2, "12");
-        run(&[&command[..], &["--quiet"]].concat());
-        std::fs::remove_file(&out).unwrap();
-    }
-    let far = ["track", path(&dataset), "--method", "empty", "--out", path(&out), "--max-displacement"];
-    let said = fail(2, &[&far[..], &["0"]].concat());
-    assert!(said.contains("--max-displacement 0: expected 0.001 to 100000 px"), "{said}");
-    run(&[&far[..], &["2000", "--quiet"]].concat());
 }

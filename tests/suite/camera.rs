@@ -4,7 +4,7 @@ use std::path::Path;
 
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::sensor::{Counts, Image};
-use suite::microsig::{fail, path, run};
+use suite::microsig::{path, run};
 
 const WIDTH: u32 = 80;
 const HEIGHT: u32 = 60;
@@ -69,36 +69,4 @@ fn a_dataset_has_the_maps_of_its_camera() {
     let counts = tiff::read(file, "frame", (WIDTH, HEIGHT)).unwrap();
     let near = counts.iter().zip(0..).filter(|(c, i)| (*c - offset(*i)).abs() < 30.0).count();
     assert!(near > counts.len() / 2, "{near} of {} pixels", counts.len());
-}
-
-#[test]
-fn wrong_maps_are_refused_with_file_pixel_and_range() {
-    let place = tempfile::tempdir().unwrap();
-    let folder = place.path();
-    maps(folder);
-    let scenario = folder.join("s.ron");
-    let refuse = |set: &[&str]| {
-        let set = set.iter().flat_map(|set| ["--set", *set]);
-        let all: Vec<&str> = ["generate", path(&scenario), "--dry-run"].into_iter().chain(set).collect();
-        fail(2, &all)
-    };
-    tif(folder, "gain.tif", (WIDTH, HEIGHT), |i| if i == 2 * WIDTH + 4 { 0.0 } else { 1.0 });
-    tif(folder, "variance.tif", (HEIGHT, WIDTH), |_| 1.0);
-    npy(folder, "offset.npy", (HEIGHT, WIDTH), |_| 1.0);
-    let said = refuse(&[]);
-    for expected in [
-        "gain.tif: 0 in column 5, row 3: expected counts per electron > 0, at most 1e12",
-        "variance.tif: 60 x 80 px: expected 80 x 60 px",
-        "offset.npy: the shape [80, 60]: expected (60, 80), rows and columns",
-        "sensor.maps.gain",
-    ] {
-        assert!(said.contains(expected), "{expected} is not in\n{said}");
-    }
-    maps(folder);
-    tif(folder, "variance.tif", (WIDTH, HEIGHT), |i| if i == 0 { f32::NAN } else { 1.0 });
-    assert!(refuse(&[]).contains("variance.tif: NaN in column 1, row 1: expected a finite number"));
-    maps(folder);
-    let said = refuse(&["sensor.read_noise_e=2", "sensor.maps.offset=\"offset.csv\""]);
-    assert!(said.contains("expected 0, its default, as `maps.variance` replaces it"), "{said}");
-    assert!(said.contains("a .tif, .tiff or .npy file"), "{said}");
 }

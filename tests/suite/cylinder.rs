@@ -1,7 +1,7 @@
 //! A cylindrical lens before the camera stretches images: truth, images and scores agree about it.
 
 use serde_json::Value;
-use suite::microsig::{generate, json, path, write};
+use suite::microsig::{generate, json, manifest, path, write};
 
 const SCENARIO: &str = r#"(
     name: "stretched",
@@ -25,9 +25,7 @@ fn truth_images_and_scores_are_stretched_alike() {
     for angle in ["0", "30"] {
         let folder = tempfile::tempdir().unwrap();
         let dataset = generate(folder.path(), "dataset", &SCENARIO.replace("ANGLE", angle));
-        let manifest: Value =
-            serde_json::from_slice(&std::fs::read(dataset.join("datapackage.json")).unwrap()).unwrap();
-        let facts = &manifest["microsig"];
+        let facts = manifest(&dataset);
         let rows: Vec<[f64; 2]> = serde_json::from_value(facts["image_stretch"].clone()).unwrap();
         let (sine, cosine) = angle.parse::<f64>().unwrap().to_radians().sin_cos();
         let expected = [

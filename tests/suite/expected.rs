@@ -1,14 +1,12 @@
 //! The renderer `expected` gives the mean of the images by `rays`.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::random::normal;
 use microsig_core::render::{ExpectedRenderer, Gradient};
 use microsig_core::render::{ImageStreams, InstructionSet};
 use microsig_core::render::{Render, Tables};
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
-use scoring::evaluate::crlb;
 use suite::ensemble::Ensemble;
 use suite::expected::Agreement;
 use suite::measure::{Measures, measure};
@@ -170,83 +168,6 @@ fn what_is_drawn_is_the_table_everywhere_on_the_sensor() {
         );
         assert!(image == sensor.expose(&light, &streams, Purpose::BackgroundNoise, 5));
     }
-}
-
-/// A maximum-likelihood fit of the expected image to itself, with independent Gaussian noise of the variance
-/// assumed by the bound, reaches the bound.
-#[test]
-fn a_maximum_likelihood_fit_reaches_the_bound() {
-    let settings = Settings { pixel_dim_x: 101, pixel_dim_y: 101, ..Settings::setting1() };
-    let renderer = renderer(&settings);
-    let (z_um, gain, noise) = (-55.3, settings.gain, settings.background_noise);
-    let truth = Particle::sphere(51.0, 51.0, z_um, 2.0);
-    let image = renderer.gradient(&truth, None).unwrap();
-    let deviation: Vec<f64> = image
-        .pixels
-        .iter()
-        .map(|p| (noise * noise + gain * gain * p[0].max(0.0) + 1.0 / 12.0).sqrt())
-        .collect();
-    let draws = 500;
-    let mut squares = [0.0; 3];
-    for draw in 0..draws {
-        let mut stream = Streams::new(41).stream(Purpose::BackgroundNoise, draw, 0);
-        let data: Vec<f64> =
-            image.pixels.iter().zip(&deviation).map(|(p, s)| gain * p[0] + s * normal(&mut stream)).collect();
-        // x, y, z and brightness, from a start that is off by several standard deviations.
-        let mut fit = [51.2, 50.9, z_um + 0.3, 1.05];
-        for _ in 0..6 {
-            let particle = Particle { x_px: fit[0], y_px: fit[1], z_um: fit[2], ..truth };
-            let model = renderer.gradient(&particle, None).unwrap();
-            let (mut normal_matrix, mut right) = ([[0.0; 4]; 4], [0.0; 4]);
-            for (i, pixel) in model.pixels.iter().enumerate() {
-                // The window moves with the particle; there is no light outside it.
-                let x = model.window.x0 + (i % model.window.width) as i64 - image.window.x0;
-                let y = model.window.y0 + (i / model.window.width) as i64 - image.window.y0;
-                if x < 0 || y < 0 || x >= image.window.width as i64 || y >= image.window.height as i64 {
-                    continue;
-                }
-                let k = y as usize * image.window.width + x as usize;
-                let slopes = [pixel[1], pixel[2], pixel[3]].map(|v| gain * fit[3] * v / deviation[k]);
-                let slopes = [slopes[0], slopes[1], slopes[2], gain * pixel[0] / deviation[k]];
-                let residual = (data[k] - gain * fit[3] * pixel[0]) / deviation[k];
-                for a in 0..4 {
-                    right[a] += slopes[a] * residual;
-                    for b in 0..4 {
-                        normal_matrix[a][b] += slopes[a] * slopes[b];
-                    }
-                }
-            }
-            let step = solve(normal_matrix, right);
-            (0..4).for_each(|i| fit[i] += step[i]);
-        }
-        for (square, error) in squares.iter_mut().zip([fit[0] - 51.0, fit[1] - 51.0, fit[2] - z_um]) {
-            *square += error * error;
-        }
-    }
-    let bound = crlb::of_particle(&settings, 2.0, z_um).unwrap().unwrap();
-    for (square, bound) in squares.into_iter().zip(bound) {
-        let efficiency = bound / (square / f64::from(draws)).sqrt();
-        println!("bound {bound:.5}, efficiency {efficiency:.3}");
-        // A standard deviation from 500 draws has a standard error of 3.2 %; three of them beyond the range
-        // 0.9 to 1.
-        assert!((0.9 - 0.1..1.0 + 0.1).contains(&efficiency), "efficiency {efficiency}");
-    }
-}
-
-/// Solves a positive definite system by Gaussian elimination.
-fn solve(mut matrix: [[f64; 4]; 4], mut right: [f64; 4]) -> [f64; 4] {
-    for i in 0..4 {
-        for j in i + 1..4 {
-            let factor = matrix[j][i] / matrix[i][i];
-            (i..4).for_each(|k| matrix[j][k] -= factor * matrix[i][k]);
-            right[j] -= factor * right[i];
-        }
-    }
-    for i in (0..4).rev() {
-        let known: f64 = (i + 1..4).map(|k| matrix[i][k] * right[k]).sum();
-        right[i] = (right[i] - known) / matrix[i][i];
-    }
-    right
 }
 
 /// Stored mean images of the original: all measures are within the tolerances of the ray renderer's test. In

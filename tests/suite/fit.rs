@@ -63,28 +63,6 @@ fn scans_that_cannot_be_fitted_are_refused_with_advice() {
 }
 
 #[test]
-fn wrong_tables_of_positions_are_refused() {
-    let scan = single(9);
-    let pages = scan.planes(1).unwrap();
-    let place = tempfile::tempdir().unwrap();
-    let table = place.path().join("z.csv");
-    let with = |rows: &[f64]| {
-        let rows: Vec<String> = rows.iter().enumerate().map(|(i, z)| format!("{i},{z}\n")).collect();
-        std::fs::write(&table, format!("page,z_um\n{}", rows.concat())).unwrap();
-        refused(&pages, (61, 61), &["--z", path(&table)])
-    };
-    let order = with(&[0.0, 5.0, 10.0, 15.0, 12.0, 25.0, 30.0, 35.0, 40.0]);
-    assert!(order.contains("plane 4 is 12 um after 15 um") && order.contains("wrong order"), "{order}");
-    let short = with(&[0.0, 5.0, 10.0]);
-    assert!(short.contains("has no position of page 3"), "{short}");
-    let still = with(&[5.0; 9]);
-    assert!(still.contains("all stage positions are equal"), "{still}");
-    std::fs::write(&table, "page,depth\n0,1\n").unwrap();
-    let column = refused(&pages, (61, 61), &["--z", path(&table)]);
-    assert!(column.contains("z.csv:2") && column.contains("z_um"), "{column}");
-}
-
-#[test]
 fn a_truncated_scan_is_told() {
     let place = tempfile::tempdir().unwrap();
     let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
@@ -98,17 +76,9 @@ fn a_truncated_scan_is_told() {
 }
 
 #[test]
-fn colors_and_missing_or_impossible_options_are_refused() {
+fn missing_or_impossible_options_are_refused() {
     let place = tempfile::tempdir().unwrap();
     let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
-    {
-        let file = std::fs::File::create(&scan).unwrap();
-        let mut encoder = tiff::encoder::TiffEncoder::new(file).unwrap();
-        encoder.write_image::<tiff::encoder::colortype::RGB8>(4, 4, &[9; 48]).unwrap();
-    }
-    let color = fail(2, &[&arguments(&scan, &out)[..], &["--z-step", "5"]].concat());
-    assert!(color.contains("page 0: RGB(8): expected gray counts of 8 to 16 bit"), "{color}");
-
     write_pages(&scan, (61, 61), &single(9).planes(1).unwrap()).unwrap();
     let (scan, out) = (path(&scan), path(&out));
     let without = fail(2, &["fit", scan, "--pixel-size", "6.45", "--z-step", "5", "--out", out]);
@@ -256,37 +226,6 @@ fn settings_of_an_astigmatic_scan_are_found() {
     let pages = truth.planes(5).unwrap();
     let (place, fit) = fitted(&truth, &pages);
     assert_found(place.path(), &fit, &truth);
-}
-
-/// A neighbor 12 px beside a particle in three planes moves no quantity by more than two standard deviations.
-#[test]
-#[ignore = "slow: .ci/full"]
-fn a_passing_neighbor_does_not_move_the_settings() {
-    let four = SimulatedScan::tenfold(16, 6.0);
-    let truth = SimulatedScan { beads: four.beads[..2].to_vec(), ..four };
-    let alone = truth.planes(6).unwrap();
-    let passing = Bead { x_px: truth.beads[0].x_px + 12.0, ..truth.beads[0] };
-    let dark = truth.settings.background_mean;
-    let neighbor = SimulatedScan {
-        beads: vec![passing],
-        settings: Settings { background_noise: 0.0, ..truth.settings.clone() },
-        ..truth.clone()
-    };
-    let light = neighbor.planes(8).unwrap();
-    let mut disturbed = alone.clone();
-    for plane in 6..9 {
-        for (count, more) in disturbed[plane].iter_mut().zip(&light[plane]) {
-            *count += more.saturating_sub(dark as u16);
-        }
-    }
-    let brightest = |pages: &[Vec<u16>]| pages[7].iter().copied().max();
-    assert!(brightest(&light) > Some(2 * dark as u16), "the neighbor is bright");
-    let (_, before) = fitted(&truth, &alone);
-    let (_, after) = fitted(&truth, &disturbed);
-    for name in ["numerical_aperture", "focal_length", "particle_diameter_um"] {
-        let ([old, _], [new, sd]) = (parameter(&before, name), parameter(&after, name));
-        assert!((new - old).abs() < 2.0 * sd, "{name}: {old} to {new} +- {sd}");
-    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use microsig_core::formats::tiff;
 use microsig_core::render::Context;
 use microsig_core::sensor::Counts;
-use suite::microsig::{fail, json, path, run};
+use suite::microsig::{fail, json, manifest, path, run};
 use suite::{counts, image_size};
 
 const SIDE: u32 = 401;
@@ -59,9 +59,7 @@ fn unrounded_counts_hold_the_light_that_rounding_loses() {
 fn a_dataset_of_unrounded_counts_is_read_by_everything() {
     let place = tempfile::tempdir().unwrap();
     let made = dataset(place.path(), "float", ", image_format: float32");
-    let manifest = std::fs::read_to_string(made.join("datapackage.json")).unwrap();
-    let facts: serde_json::Value = serde_json::from_str(&manifest).unwrap();
-    let sensor = &facts["microsig"]["sensor"];
+    let sensor = &manifest(&made)["sensor"];
     assert_eq!((&sensor["bit_depth"], &sensor["image_format"]), (&32.into(), &"float32".into()));
     let card = std::fs::read_to_string(made.join("README.md")).unwrap();
     assert!(card.contains("32 bit (floating point: counts before rounding and clamping)"), "{card}");

@@ -1,7 +1,7 @@
 //! Messages about input: file, line, key; their number and length are bounded. Estimates of `--dry-run`.
 
 use serde_json::Value;
-use suite::microsig::{fail, generate, path, run, write};
+use suite::microsig::{fail, path, run, write};
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -11,19 +11,6 @@ const SCENARIO: &str = r#"(
     timing: pairs(count: 2),
     calibration: none,
 )"#;
-
-#[test]
-fn of_many_problems_on_a_long_line_twenty_are_shown_each_with_its_place() {
-    let place = tempfile::tempdir().unwrap();
-    // The line has 6 MB; a message that walks through it for each problem takes hours.
-    let many = "seed: 1, ".repeat(300_000) + &"sed: 1, ".repeat(300_000);
-    let text = SCENARIO.replace("name:", &format!("{many}name:"));
-    let message = fail(2, &["generate", path(&write(place.path(), "s.ron", &text))]);
-    assert_eq!(message.matches("`seed` is given a second time").count(), 20);
-    assert!(message.contains("s.ron:2:14: `seed` is given a second time"), "{}", &message[..2000]);
-    assert!(message.trim_end().ends_with("and at least 980 more"), "{}", &message[message.len() - 200..]);
-    assert!(message.len() < 10_000 && message.lines().all(|line| line.len() < 300), "{}", message.len());
-}
 
 #[test]
 fn a_listed_place_that_is_refused_has_file_and_line() {
@@ -42,36 +29,6 @@ fn a_listed_place_that_is_refused_has_file_and_line() {
             "{message}"
         );
         assert!(message.contains("particles.number.file"), "{message}");
-    }
-}
-
-#[test]
-fn paths_without_an_end_are_a_problem_of_the_field() {
-    let place = tempfile::tempdir().unwrap();
-    let text = SCENARIO
-        .replace("poiseuille()", "poiseuille(max_speed_um_s: 1e305)")
-        .replace("count: 2", "count: 2, dt_s: 1e6");
-    let message = fail(2, &["generate", path(&write(place.path(), "s.ron", &text))]);
-    assert!(message.contains("motion.flow.field") && message.contains("s.ron:4:"), "{message}");
-}
-
-#[test]
-fn a_manifest_of_another_shape_is_refused_by_its_key() {
-    let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), "dataset", SCENARIO);
-    let file = dataset.join("datapackage.json");
-    let manifest: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
-    for (key, value, expected) in [
-        ("microsig", Value::from(3), "microsig = 3: expected an object"),
-        ("resources", Value::from("x"), "resources = \"x\": expected a list"),
-        ("name", Value::from(7), "name = 7: expected a text"),
-    ] {
-        let mut changed = manifest.clone();
-        changed[key] = value;
-        std::fs::write(&file, changed.to_string()).unwrap();
-        let message = fail(2, &["evaluate", path(&dataset), path(&dataset.join("truth/tracks.csv"))]);
-        assert!(message.contains("datapackage.json: ") && message.contains(expected), "{message}");
-        assert!(!message.contains("struct"), "{message}");
     }
 }
 

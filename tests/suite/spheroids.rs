@@ -2,9 +2,6 @@
 //! `emission` tests that points are uniform in area; `reference` includes the original's images of spheroids.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::formats::data_file;
-use microsig_core::render::Render;
-use microsig_core::render::{RayRenderer, rays::Scratch};
 use microsig_core::stream::{Purpose, Stream, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
 use suite::ensemble::Ensemble;
@@ -33,67 +30,6 @@ fn random_axis(stream: &mut Stream) -> [f64; 3] {
 fn twenty_axes() -> Vec<[f64; 3]> {
     let mut stream = Streams::new(20).stream(Purpose::Seeding, 0, 0);
     std::iter::repeat_with(|| random_axis(&mut stream)).filter(|n| n[2].abs() < 0.866).take(20).collect()
-}
-
-#[test]
-#[ignore = "slow: .ci/full"]
-fn a_uniform_spheroid_of_aspect_one_gives_the_spheres_counts() {
-    let renderer = RayRenderer::new(&small_sensor(), SpheroidLaw::Uniform).unwrap();
-    let counts = |text: &str| {
-        let particles = data_file::read(text.as_bytes(), "text").unwrap();
-        renderer.light(&particles, &Streams::new(4), Purpose::Rays, 0).values
-    };
-    let spheres = counts("80.3 79.9 -30 2\n40 50.5 10 3\n");
-    assert_eq!(counts("80.3 79.9 -30 2 1 0.7 0.4\n40 50.5 10 3 1 0 0\n"), spheres);
-    assert!(spheres.iter().sum::<f64>() > 10_000.0);
-}
-
-/// Surface area of a spheroid relative to a sphere of its equatorial diameter, by summing rings,
-/// independently of the closed forms in `emission`.
-fn area_ratio(e_p: f64) -> f64 {
-    let rings = 10_000;
-    let ring = |i: i32| {
-        let u = (f64::from(i) + 0.5) / f64::from(rings);
-        (1.0 + (1.0 / (e_p * e_p) - 1.0) * u * u).sqrt()
-    };
-    e_p * (0..rings).map(ring).sum::<f64>() / f64::from(rings)
-}
-
-/// Very small particles with many points, so that the lens subtends the same angle from all points (a point
-/// 0.25 um nearer at 355 um has 0.14 % more light; an upright particle of 2 um and aspect ratio 3 differs by
-/// 0.5 % for this reason).
-#[test]
-fn the_total_is_proportional_to_the_area() {
-    let settings = Settings { points_per_pixel: 18e3, ..small_sensor() };
-    let d_um = 0.2;
-    for law in LAWS {
-        let renderer = RayRenderer::new(&settings, law).unwrap();
-        let total = |particle: &Particle, row: u32| {
-            let (streams, scratch) = (Streams::new(8), &mut Scratch::default());
-            (0..4)
-                .map(|frame| renderer.patch(particle, &streams, Purpose::Rays, frame, row, scratch).unwrap())
-                .map(|patch| patch.total() as f64)
-                .sum::<f64>()
-        };
-        let sphere = total(&Particle::sphere(81.0, 81.0, -30.0, d_um), 0);
-        let mut stream = Streams::new(9).stream(Purpose::Seeding, 0, 0);
-        let mut worst: f64 = 0.0;
-        for (row, e_p) in [0.2, 0.5, 0.8, 1.0, 1.3, 2.0, 3.0, 5.0].into_iter().enumerate() {
-            let particle = spheroid(-30.0, d_um, e_p, random_axis(&mut stream));
-            let ratio = total(&particle, row as u32) / sphere / area_ratio(e_p);
-            // 4 x 10,900 points: the total scatters by 0.01 % (stratified rays); the depth effect above is at
-            // most 0.13 % for e_p = 5. With `original` about half of the points emit light: its plane, fitted
-            // to four points, is slightly off center, and over all orientations 0.491 to 0.509 of the points
-            // emit (0.47 to 0.53 for 1100 points).
-            let (expected, allowed) = match law {
-                SpheroidLaw::Uniform => (1.0, 0.002),
-                SpheroidLaw::Original => (0.5, 0.02),
-            };
-            println!("{law:?} e_p {e_p}: {ratio:.5}");
-            worst = worst.max((ratio / expected - 1.0).abs() / allowed);
-        }
-        assert!(worst < 1.0, "{law:?}: {worst:.2} of the tolerance");
-    }
 }
 
 #[test]

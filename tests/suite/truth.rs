@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use suite::microsig::{json, path, run};
+use suite::microsig::{json, manifest, path, run};
 
 /// A dataset with a sensor of 128 x 96 px and the other sections given by the test.
 fn dataset(place: &Path, name: &str, rest: &str) -> PathBuf {
@@ -32,11 +32,6 @@ fn table(file: &Path) -> HashMap<String, Vec<f64>> {
         }
     }
     columns
-}
-
-fn manifest(dataset: &Path) -> Value {
-    let text = std::fs::read_to_string(dataset.join("datapackage.json")).unwrap();
-    serde_json::from_str::<Value>(&text).unwrap()["microsig"].clone()
 }
 
 #[test]
@@ -227,36 +222,6 @@ fn evaluate_reads_every_definition_of_the_field() {
     assert_eq!(score["field"]["against"], "central");
 }
 
-/// The number of particles corresponds to N_S, and the numbers of the manifest are consistent.
-#[test]
-fn particles_cover_the_share_of_the_sensor_that_n_s_says() {
-    let place = tempfile::tempdir().unwrap();
-    let rest = "motion: flow(field: uniform(velocity_um_s: (0, 0, 0))), particles: (number: n_s(0.5)), \
-                timing: pairs(count: 40), boundaries: (z_um: (-60, 20))";
-    let out = dataset(place.path(), "dense", rest);
-    let (facts, depth) = (manifest(&out), table(&out.join("truth/depth.csv")));
-    let number = |key: &str| facts[key].as_f64().unwrap();
-    let pixels = 128.0 * 96.0;
-    let area = depth["area_px"].iter().sum::<f64>() / 51.0;
-    assert!((number("a_pi_px") - area).abs() < 1e-9 * area);
-    assert!((number("n_s") - number("n_p") * area / pixels).abs() < 1e-12);
-    assert!((number("n_ppp") - number("n_p") / pixels).abs() < 1e-12);
-    // Poisson-distributed numbers in 40 pairs: four standard errors of their mean.
-    let expected = 0.5 * pixels / area;
-    assert!(
-        (number("n_p") - expected).abs() < 4.0 * (expected / 40.0).sqrt(),
-        "{} {expected}",
-        number("n_p")
-    );
-
-    let mut snr = depth["snr"].clone();
-    snr.sort_unstable_by(f64::total_cmp);
-    // JSON numbers are read to within one unit of the last digit.
-    assert!((facts["snr"]["value"].as_f64().unwrap() / snr[25] - 1.0).abs() < 1e-14);
-    // Setting 1: 10 counts of noise.
-    assert!((depth["peak_counts"][0] / depth["snr"][0] - 10.0).abs() < 1e-9);
-}
-
 /// In a channel that takes a part of the image, images overlap as its particles do, which `n_s` asks for and
 /// states.
 #[test]
@@ -272,6 +237,8 @@ fn the_source_density_within_walls_is_that_of_the_channel() {
     assert!((share - 0.5).abs() < 5e-3, "{share}");
     assert!((number("n_s") - number("n_p") * number("a_pi_px") / (share * pixels)).abs() < 1e-12);
     assert!((number("n_ppp") - number("n_p") / pixels).abs() < 1e-12);
+    let areas = &table(&out.join("truth/depth.csv"))["area_px"];
+    assert!((areas.iter().sum::<f64>() / areas.len() as f64 / number("a_pi_px") - 1.0).abs() < 1e-9);
     let expected = 0.5 * share * pixels / number("a_pi_px");
     assert!(
         (number("n_p") - expected).abs() < 4.0 * (expected / 40.0).sqrt(),
