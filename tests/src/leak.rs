@@ -2,18 +2,13 @@
 //!
 //! The decompressed bytes of every file are searched for numbers of the truth as text (also rounded) and as
 //! f32 and f64 of either byte order; keys and seeds as text and as u64; names that occur in the truth only;
-//! row orders and columns that correlate with depth, track or number of particles. [`guess_by_noise`] and
-//! [`guess_by_place`] search for small seeds.
+//! row orders and columns that correlate with depth, track or number of particles.
 
 use std::collections::{BTreeMap, HashSet};
 use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, ensure};
-use microsig_core::Settings;
-use microsig_core::sensor::{Light, NoiseRounding, Sensor};
-use microsig_core::stream::{Purpose, Streams};
-use rayon::prelude::*;
 
 /// Files by path, decompressed.
 pub type Files = BTreeMap<String, Vec<u8>>;
@@ -269,7 +264,7 @@ fn rows(bytes: &[u8]) -> Vec<BTreeMap<String, f64>> {
 }
 
 /// Spearman's rank correlation; ties share their mean rank, 0 without variation.
-pub fn spearman(a: &[f64], b: &[f64]) -> f64 {
+fn spearman(a: &[f64], b: &[f64]) -> f64 {
     let ranks = |values: &[f64]| -> Vec<f64> {
         let rank = |v: &f64| {
             let below = values.iter().filter(|w| w < &v).count();
@@ -289,55 +284,4 @@ pub fn spearman(a: &[f64], b: &[f64]) -> f64 {
 /// al. 1957).
 fn is_no_chance(rho: f64, n: usize) -> bool {
     n >= 8 && rho.clamp(-1.0, 1.0).abs().atanh() * ((n as f64 - 3.0) / 1.06).sqrt() > 4.0
-}
-
-/// The first seed whose background noise matches an image (the first frame of a dataset).
-pub fn guess_by_noise(settings: &Settings, counts: &[f64], seeds: std::ops::Range<u64>) -> Option<u64> {
-    // The noise of a row starts at its left end, so the corner of an image has the noise of a smaller sensor.
-    let (width, height) = (settings.pixel_dim_x.min(32), settings.pixel_dim_y.min(24));
-    let corner = Settings { pixel_dim_x: width, pixel_dim_y: height, ..settings.clone() };
-    let sensor = Sensor::new(&corner).with_rounding(NoiseRounding::AfterSum);
-    let dark = Light::dark(&corner);
-    // Differences between neighbors: particle images are smooth except where they are bright, and bright
-    // pixels are clipped.
-    let most = 4.0 * settings.background_noise;
-    let steps = |rows: &[f64], stride: usize| -> Vec<f64> {
-        let row =
-            |row: &[f64]| row.windows(2).map(|w| (w[1] - w[0]).clamp(-most, most)).collect::<Vec<f64>>();
-        rows.chunks(stride).take(height as usize).flat_map(|r| row(&r[..width as usize])).collect()
-    };
-    let seen = steps(counts, settings.pixel_dim_x as usize);
-    seeds.into_par_iter().find_any(|&seed| {
-        let guess = sensor.expose(&dark, &Streams::new(seed), Purpose::BackgroundNoise, 0);
-        let guess: Vec<f64> = guess.counts.values().collect();
-        // Unrelated noise correlates by 0.04 (one standard error for the 700 pixels of the corner).
-        correlation(&steps(&guess, width as usize), &seen) > 0.3
-    })
-}
-
-fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-    for (x, y) in a.iter().zip(b) {
-        (ab, aa, bb) = (ab + x * y, aa + x * x, bb + y * y);
-    }
-    if aa * bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
-}
-
-/// The first seed with which the scenario gives the first position of the truth.
-pub fn guess_by_place(dataset: &Path, seeds: std::ops::Range<u64>) -> anyhow::Result<Option<u64>> {
-    let path = dataset.join("scenario.ron");
-    let spec = scenario::parse(&std::fs::read_to_string(&path)?, &path.display().to_string())?;
-    let scenario = scenario::resolve(spec, dataset, &microsig_core::render::Context::default())?;
-    let first =
-        rows(&std::fs::read(dataset.join("truth/tracks.csv"))?).into_iter().next().context("a particle")?;
-    let scene = scenario.scene(scenario.field().context("a velocity field")?)?;
-    let times = scenario.recordings.times_s(0, Streams::new(0));
-    Ok(seeds.into_par_iter().find_any(|&seed| {
-        let start = flows::RecordingStart::default();
-        let frame =
-            scene.record(&times[..1], Streams::new(seed), start).ok().and_then(|mut s| s.next()?.ok());
-        frame
-            .and_then(|f| f.tracers.first().map(|t| t.position))
-            .is_some_and(|p| (p.x - first["x_um"]).abs() < 1e-6 && (p.z - first["z_um"]).abs() < 1e-6)
-    }))
 }

@@ -6,19 +6,9 @@ use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use suite::leak::unzip;
 use suite::microsig::{binary, fail, json, path, run};
 
-use crate::release::{CHALLENGE, images_sha256, submission};
-
-/// Unpacks an archive into a folder.
-fn unpack(archive: &Path, folder: &Path) {
-    for (name, bytes) in unzip(archive).unwrap() {
-        let file = folder.join(name);
-        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
-        std::fs::write(file, bytes).unwrap();
-    }
-}
+use crate::release::{CHALLENGE, images_sha256, submission, unpack};
 
 /// A wheel whose module runs the program that STANDS_FOR names.
 fn stand_in(wheel: &Path) {
@@ -39,16 +29,6 @@ fn stand_in(wheel: &Path) {
     zip.finish().unwrap();
 }
 
-/// A result whose first row is 0.3 px further right.
-fn with_a_row_moved(rows: &str) -> String {
-    let mut lines: Vec<String> = rows.lines().map(str::to_owned).collect();
-    let x = lines[0].split(',').position(|name| name == "x_px").unwrap();
-    let mut cells: Vec<String> = lines[1].split(',').map(str::to_owned).collect();
-    cells[x] = (cells[x].parse::<f64>().unwrap() + 0.3).to_string();
-    lines[1] = cells.join(",");
-    lines.join("\n") + "\n"
-}
-
 /// The numbers of the leaderboard are those told to the team, near those of `evaluate`.
 fn assert_rounded(scores: &Value, told: &Value, alone: &Value) {
     for (key, part, name) in [
@@ -64,16 +44,6 @@ fn assert_rounded(scores: &Value, told: &Value, alone: &Value) {
         let (few, exact) = (scores[key].as_f64().unwrap(), alone[part][name].as_f64().unwrap());
         assert!((few - exact).abs() < 0.05, "{key}: {few} {exact}");
         assert!(few.to_string().len() <= 5, "{key}: {few}");
-    }
-}
-
-/// Numbers over `n` matches differ by nothing or, if the edge of a step is crossed, by what one particle can
-/// change.
-fn assert_whole_steps(before: &Value, after: &Value, n: f64) {
-    for (key, value) in before.as_object().unwrap() {
-        let change = (after[key].as_f64().unwrap() - value.as_f64().unwrap()).abs();
-        let least = if key == "sigma_z_over_h" { 0.1 } else { 1.0 } / n;
-        assert!(change == 0.0 || change > 0.999 * least, "{key}: {before} {after}");
     }
 }
 
@@ -106,9 +76,7 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     assert_eq!(metadata, "command: python3 /app/program/scoring.py /app/input /app/output\n");
 
     let test = out.join("withheld/test");
-    let sums = std::fs::read_to_string(test.join("SHA256SUMS")).unwrap();
-    let images: String = sums.lines().filter(|l| l.contains("  images/")).map(|l| format!("{l}\n")).collect();
-    let good = submission(place.path(), &suite::sha256_of(images.as_bytes()));
+    let good = submission(place.path(), &suite::microsig::images_sha256(&test));
     // Not a perfect result: every third point is missing.
     let truth = std::fs::read_to_string(test.join("truth/tracks.csv")).unwrap();
     let kept = truth.lines().enumerate().filter(|(i, _)| i % 3 != 1).map(|(_, line)| format!("{line}\n"));
@@ -137,15 +105,6 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
         competition.lines().filter_map(|line| line.trim().strip_prefix("key: ")).collect();
     assert_eq!(columns[0], "main");
     assert!(columns[1..].iter().all(|key| scores[*key].is_number()), "{columns:?}: {scores}");
-    // A row that is moved changes nothing, or a whole step.
-    let rows = std::fs::read_to_string(result.join("results.csv")).unwrap();
-    std::fs::write(result.join("results.csv"), with_a_row_moved(&rows)).unwrap();
-    std::fs::remove_dir_all(app.join("output")).unwrap();
-    assert!(score().status.success());
-    assert_whole_steps(&scores, &read("scores.json"), alone["detection"]["tp"].as_f64().unwrap());
-    std::fs::write(result.join("results.csv"), rows).unwrap();
-    std::fs::remove_dir_all(app.join("output")).unwrap();
-    assert!(score().status.success());
     for line in competition.lines().filter_map(|line| line.trim().split_once(": ")) {
         let is_file = line.1.ends_with(".md") || line.1.ends_with(".zip") || line.1.ends_with(".png");
         assert!(!is_file || bundle.join(line.1).is_file(), "{line:?}");
@@ -178,10 +137,6 @@ fn a_submission_is_checked_by_a_verb_of_its_own() {
     let c = &*CHALLENGE;
     let place = tempfile::tempdir().unwrap();
     let good = submission(place.path(), &images_sha256());
-    let said = run(&["check-submission", path(&c.test), path(&good)]);
-    assert!(said.contains("a valid submission of A: "), "{said}");
-    let other = fail(2, &["check-submission", path(&c.test), path(&c.test.join("submission"))]);
-    assert!(other.contains("submission.json: team"), "{other}");
     let alone = run(&["check-submission", path(&c.test), path(&good.join("results.csv"))]);
     assert!(alone.contains("particles; "), "{alone}");
     let wheel = place.path().join("x.txt");

@@ -1,10 +1,9 @@
 //! The command line: successful runs, invalid input, no incomplete output.
 
 use std::path::Path;
+use std::process::Stdio;
 
-use suite::microsig::{fail, generate, json, microsig, path, run, write};
-
-use crate::robust::kill_when;
+use suite::microsig::{fail, generate, json, listing, microsig, path, run, write};
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -14,12 +13,19 @@ const SCENARIO: &str = r#"(
     timing: pairs(count: 2),
 )"#;
 
-/// Every path in a folder, to check that nothing is left behind.
-fn listing(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
+/// Starts a run, waits until `ready` and kills it; `false` if it ended before.
+fn kill_when(arguments: &[&str], ready: impl Fn() -> bool) -> bool {
+    let mut child = microsig().arg("--quiet").args(arguments).stdout(Stdio::null()).spawn().unwrap();
+    loop {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        if ready() {
+            child.kill().unwrap();
+            return !child.wait().unwrap().success();
+        }
+        std::thread::yield_now();
+    }
 }
 
 #[test]
@@ -126,40 +132,6 @@ fn an_interrupted_run_goes_on_with_resume_only() {
     assert!(message.contains("another scenario; cannot resume"), "{message}");
     assert_eq!(sums(&dataset), sums(&whole));
     assert_eq!(listing(place.path()), ["dataset", "other.ron", "scenario.ron", "whole"]);
-}
-
-/// Two concurrent runs into one folder: the second is told who holds the lock, and the dataset is complete.
-#[test]
-fn two_runs_never_write_one_folder() {
-    let place = tempfile::tempdir().unwrap();
-    let scenario = write(place.path(), "scenario.ron", &SCENARIO.replace("count: 2", "count: 8"));
-    let whole = place.path().join("whole");
-    run(&["generate", path(&scenario), "--out", path(&whole), "--quiet"]);
-    let sums = |d: &Path| std::fs::read_to_string(d.join("SHA256SUMS")).unwrap();
-    let out = place.path().join("out");
-    for (trial, second) in ["--resume", "--force", "--resume", "--force"].into_iter().enumerate() {
-        let start = |option: &str| {
-            microsig()
-                .args(["generate", path(&scenario), "--out", path(&out), "--quiet", "--threads", "1", option])
-                .stdout(std::process::Stdio::null())
-                .stderr(std::process::Stdio::piped())
-                .spawn()
-                .unwrap()
-        };
-        let first = start("--force");
-        std::thread::sleep(std::time::Duration::from_millis(7 * trial as u64));
-        let outputs = [start(second), first].map(|run| run.wait_with_output().unwrap());
-        assert!(outputs.iter().any(|output| output.status.success()));
-        for output in outputs.iter().filter(|output| !output.status.success()) {
-            let message = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(2), "{message}");
-            let told = message.contains("is writing it") || message.contains("already exists");
-            assert!(told, "{message}");
-        }
-        run(&["verify", path(&out)]);
-        assert_eq!(sums(&out), sums(&whole));
-    }
-    assert_eq!(listing(place.path()), ["out", "scenario.ron", "whole"]);
 }
 
 #[test]

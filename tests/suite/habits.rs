@@ -115,47 +115,6 @@ fn shipped_files_are_known_by_name() {
     assert!(text(&output.stdout).starts_with("small: "));
 }
 
-/// Snakemake and `mktemp -d` make the folder before the command runs.
-#[test]
-fn an_empty_folder_is_as_good_as_none_for_every_verb() {
-    let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), "dataset", SCENARIO);
-    let truth = dataset.join("truth/tracks.csv");
-    let (settings, particles) = (dataset.join("settings.txt"), dataset.join("particles"));
-    let sweep = write(
-        place.path(),
-        "sweep.ron",
-        r#"(name: "s", base: "dataset.ron", axes: [(path: "seed", values: list([1]))])"#,
-    );
-    let (scenario, scored) = (place.path().join("dataset.ron"), place.path().join("evaluate"));
-    let commands: [(&str, Vec<&str>); 7] = [
-        ("generate", vec!["generate", path(&scenario), "-o"]),
-        ("sweep", vec!["sweep", path(&sweep), "-o"]),
-        ("render", vec!["render", path(&settings), path(&particles)]),
-        ("evaluate", vec!["evaluate", path(&dataset), path(&truth), "-o"]),
-        ("compare", vec!["compare", path(&scored), "-o"]),
-        ("release", vec!["release", path(&dataset), "--creator", "Doe, Jane", "-o"]),
-        (
-            "suite",
-            vec!["suite", "generate", "odpc1", "--size", "smoke", "--track", "P2", "--split", "train", "-o"],
-        ),
-    ];
-    for (name, mut arguments) in commands {
-        let out = place.path().join(name);
-        std::fs::create_dir(&out).unwrap();
-        arguments.push(path(&out));
-        run(&arguments);
-        assert!(std::fs::read_dir(&out).unwrap().count() > 0, "{name}");
-        let again = fail(2, &arguments);
-        let told = if name == "release" {
-            "--force with --new-keys replaces it"
-        } else {
-            "already exists; --force replaces it"
-        };
-        assert!(again.contains(told), "{name}: {again}");
-    }
-}
-
 #[test]
 fn quiet_is_quiet_and_results_that_were_asked_for_are_printed() {
     let place = tempfile::tempdir().unwrap();

@@ -6,8 +6,8 @@ use std::sync::LazyLock;
 
 use microsig_core::formats::pages::Pages;
 use storage::dataset::manifest::Manifest;
-use suite::leak::{Files, Known, guess_by_noise, guess_by_place, unzip};
-use suite::microsig::{fail, generate, json, path, run};
+use suite::leak::{Files, Known, unzip};
+use suite::microsig::{fail, generate, json, listing, path, run};
 
 /// A seed that cannot occur anywhere by chance.
 const SEED: u64 = 8_246_017_395_284_410_067;
@@ -73,13 +73,6 @@ fn known() -> Known {
     Known::of(&CHALLENGE.out.join("withheld/test"), &[SEED, val]).unwrap()
 }
 
-fn listing(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
-}
-
 fn check_sums(folder: &Path) {
     let text = std::fs::read_to_string(folder.join("SHA256SUMS")).unwrap();
     for line in text.lines() {
@@ -88,31 +81,13 @@ fn check_sums(folder: &Path) {
     }
 }
 
-fn sha256(parts: &[Vec<u8>]) -> String {
-    let place = tempfile::tempdir().unwrap();
-    let file = place.path().join("parts");
-    std::fs::write(&file, parts.concat()).unwrap();
-    suite::sha256(&file).unwrap()
-}
-
 #[test]
 fn a_release_has_a_public_and_a_withheld_part() {
     let c = &*CHALLENGE;
     let public = c.out.join("public");
-    let flat = [
-        ".zenodo.json",
-        "CITATION.cff",
-        "LICENSE",
-        "README.md",
-        "SHA256SUMS",
-        "commitment.sha256",
-        "croissant.json",
-        "datapackage.json",
-        "small-test.zip",
-        "small-train.zip",
-        "small-val.zip",
-    ];
-    assert_eq!(listing(&public), flat);
+    let flat = ".zenodo.json CITATION.cff LICENSE README.md SHA256SUMS commitment.sha256 croissant.json datapackage.json \
+                small-test.zip small-train.zip small-val.zip";
+    assert_eq!(listing(&public), flat.split(' ').collect::<Vec<_>>());
     assert_eq!(
         listing(&c.out.join("withheld")),
         ["README.md", "particles_only.txt", "salt.bin", "small-test-truth.zip", "test"]
@@ -131,40 +106,6 @@ fn a_release_has_a_public_and_a_withheld_part() {
     run(&["verify", path(&c.out.join("withheld/test")), "--regenerate"]);
     assert_eq!(listing(&c.test.join("images")).len(), 8);
     assert_eq!(listing(&place.path().join("small-val/images")).len(), 4);
-}
-
-#[test]
-fn the_revealed_truth_is_the_promised_one_and_makes_the_public_images() {
-    let c = &*CHALLENGE;
-    let withheld = c.out.join("withheld");
-    let read = |file: &str| std::fs::read(withheld.join(file)).unwrap();
-    let promised = std::fs::read_to_string(c.out.join("public/commitment.sha256")).unwrap();
-    let (salt, truth) = (read("salt.bin"), read("small-test-truth.zip"));
-    assert_eq!(promised, sha256(&[salt.clone(), truth.clone()]) + "  -\n");
-    assert_ne!(
-        promised,
-        sha256(std::slice::from_ref(&truth)) + "  -\n",
-        "without salt a guessed truth could be checked"
-    );
-    let mut other = truth;
-    other[100] ^= 1;
-    assert_ne!(promised, sha256(&[salt, other]) + "  -\n");
-
-    // As described in README.md: the archive together with the public images.
-    let place = tempfile::tempdir().unwrap();
-    unpack(&withheld.join("small-test-truth.zip"), place.path());
-    let revealed = place.path().join("small-test");
-    std::fs::create_dir(revealed.join("images")).unwrap();
-    for image in listing(&c.test.join("images")) {
-        std::fs::copy(c.test.join("images").join(&image), revealed.join("images").join(&image)).unwrap();
-    }
-    run(&["verify", path(&revealed), "--regenerate"]);
-
-    // Another key gives other bytes.
-    let key = std::fs::read_to_string(revealed.join("secret_key.txt")).unwrap();
-    let flipped = if key.starts_with('0') { "1" } else { "0" };
-    std::fs::write(revealed.join("secret_key.txt"), format!("{flipped}{}", &key[1..])).unwrap();
-    assert!(fail(1, &["verify", path(&revealed)]).contains("secret_key.txt: changed"));
 }
 
 #[test]
@@ -230,12 +171,9 @@ pub(crate) fn submission(folder: &Path, images_sha256: &str) -> PathBuf {
     out
 }
 
-/// The output of `grep ' images/' SHA256SUMS | sha256sum`.
+/// The hash that a submission to the shared challenge states.
 pub(crate) fn images_sha256() -> String {
-    let sums = std::fs::read_to_string(CHALLENGE.test.join("SHA256SUMS")).unwrap();
-    let lines: Vec<Vec<u8>> =
-        sums.lines().filter(|l| l.contains("  images/")).map(|l| format!("{l}\n").into_bytes()).collect();
-    sha256(&lines)
+    suite::microsig::images_sha256(&CHALLENGE.test)
 }
 
 #[test]
@@ -412,28 +350,4 @@ fn the_search_finds_what_is_told() {
         let found = known.told_by(&Files::from([(file.to_owned(), bytes)]));
         assert!(found.iter().any(|f| f.contains(expected)), "{file}: {expected}: {found:?}");
     }
-}
-
-/// Tries the first 16-bit seeds.
-#[test]
-#[ignore = "slow: .ci/full"]
-fn no_small_seed_makes_the_test_split() {
-    const SEEDS: std::ops::Range<u64> = 0..1 << 16;
-    let settings = suite::settings(&CHALLENGE.test.join("settings.txt")).unwrap();
-    let counts = suite::counts(&CHALLENGE.test.join("images/frame_00000.tif")).unwrap();
-    assert_eq!(guess_by_noise(&settings, &counts, SEEDS), None);
-    assert_eq!(guess_by_place(&CHALLENGE.out.join("withheld/test"), 0..4000).unwrap(), None);
-
-    // Nor a seed derived from the public one.
-    for name in ["test", "val", "train", "small-test"] {
-        let derived = arena::release::derived_seed(SEED, name);
-        assert_eq!(guess_by_noise(&settings, &counts, derived..derived + 1), None);
-    }
-
-    // A test split generated from a public seed is detected.
-    let place = tempfile::tempdir().unwrap();
-    let leaky = generate(place.path(), "leaky", &scenario(54_321));
-    let counts = suite::counts(&leaky.join("images/frame_00000.tif")).unwrap();
-    assert_eq!(guess_by_noise(&settings, &counts, SEEDS), Some(54_321));
-    assert_eq!(guess_by_place(&leaky, 54_000..55_000).unwrap(), Some(54_321));
 }

@@ -456,31 +456,21 @@ fn check_links(site: &Path) -> std::collections::BTreeSet<String> {
 #[test]
 fn faults_of_a_suite_are_shown_with_their_line() {
     let place = tempfile::tempdir().unwrap();
-    for (from, to, expected) in [
-        (
-            "rank_by: [f1,",
-            "rank_by: [f2,",
-            "suite.ron:9:23: tracks.0.rank_by.0: unknown variant `f2`: expected one of f1, recall",
-        ),
-        ("dims: 2,", "dims: 4,", "suite.ron:10:"),
-        ("dims: 2,", "dim: 2,", "suite.ron:10:13: unknown key `tracks.0.dim`; did you mean `dims`?"),
-        ("from: \"noise.ron\"", "from: \"nois.ron\"", "suite.ron:17:"),
-        ("smoke: []", "smoke: [\"two\"]", "\"two\": expected one of one"),
-        ("optics.pixel_dim_x=90", "optics.pixel_dim_z=90", "suite.ron:13:"),
-        ("name: \"one\"", "name: \"One\"", "name = \"One\": expected 1 to 60 letters"),
-        ("(name: \"SNR\", factor: 0.1)", "(name: \"a\"), (name: \"b\")", "2 labels: expected at most 1"),
-        (
-            "from: \"noise.ron\",",
-            "from: \"noise.ron\", case: \"x\",",
-            "0 times `{}`: expected `{}` for each of the 1 axes",
-        ),
-        (
-            "(name: \"one\", title: \"One\"",
-            "(name: \"noise_2\", title: \"One\"",
-            "case `noise_2` occurs twice in track P2",
-        ),
-        ("version: \"1.0.0\",", "", "`version`"),
-    ] {
+    const FAULTS: &str = r#"
+rank_by: [f1, => rank_by: [f2, => suite.ron:9:23: tracks.0.rank_by.0: unknown variant `f2`: expected one of f1, recall
+dims: 2, => dims: 4, => suite.ron:10:
+dims: 2, => dim: 2, => suite.ron:10:13: unknown key `tracks.0.dim`; did you mean `dims`?
+from: "noise.ron" => from: "nois.ron" => suite.ron:17:
+smoke: [] => smoke: ["two"] => "two": expected one of one
+optics.pixel_dim_x=90 => optics.pixel_dim_z=90 => suite.ron:13:
+name: "one" => name: "One" => name = "One": expected 1 to 60 letters
+(name: "SNR", factor: 0.1) => (name: "a"), (name: "b") => 2 labels: expected at most 1
+from: "noise.ron", => from: "noise.ron", case: "x", => 0 times `{}`: expected `{}` for each of the 1 axes
+(name: "one", title: "One" => (name: "noise_2", title: "One" => case `noise_2` occurs twice in track P2
+version: "1.0.0", =>  => `version`
+"#;
+    for line in FAULTS.trim().lines() {
+        let [from, to, expected] = line.split(" => ").collect::<Vec<_>>()[..] else { panic!("{line}") };
         assert!(SUITE.contains(from), "{from}");
         let file = write(place.path(), &SUITE.replacen(from, to, 1));
         let message = fail(2, &["suite", "list", path(&file)]);
