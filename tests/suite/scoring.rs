@@ -19,6 +19,7 @@ use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint, side_by_si
 use scoring::evaluate::units::Units;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{Conventions, TrackRow, read_points};
+use serde_json::{Value, json};
 
 /// Files have 12 decimals, and rounding errors of sums of a few hundred numbers are 1e-13.
 const TOLERANCE: f64 = 1e-9;
@@ -61,14 +62,19 @@ fn case(record: &Record) -> (TrackSet, TrackSet, Gate, String) {
     (read("gt"), read("pred"), gate, format!("{name} {} gate {size}", record["dims"]))
 }
 
-/// Compares a score with a reference, which is NaN if undefined.
-fn check(what: &str, ours: Option<f64>, theirs: f64, problems: &mut Vec<String>) {
-    let same = match ours {
-        Some(v) => (v - theirs).abs() <= TOLERANCE,
-        None => theirs.is_nan(),
-    };
-    if !same {
-        problems.push(format!("{what}: {ours:?}, reference {theirs}"));
+/// Compares scores with those of a reference by `theirs = ours`, or one name for both; what stands after `?` is the
+/// reference's value where ours is null, otherwise NaN.
+fn compare(what: &str, ours: &Value, theirs: &dyn Fn(&str) -> f64, keys: &str, problems: &mut Vec<String>) {
+    for pair in keys.split(',') {
+        let (their, our) = pair.split_once('=').unwrap_or((pair, pair));
+        let (our, null) = our.split_once('?').unwrap_or((our, "NaN"));
+        let found = ours.pointer(&format!("/{}", our.trim().replace('.', "/")));
+        let found = found.unwrap_or_else(|| panic!("{what}: no score {our}"));
+        let (found, theirs) =
+            (found.as_f64().unwrap_or_else(|| null.trim().parse().unwrap()), theirs(their.trim()));
+        if !(found == theirs || (found - theirs).abs() <= TOLERANCE || found.is_nan() && theirs.is_nan()) {
+            problems.push(format!("{what} {our}: {found}, reference {theirs}"));
+        }
     }
 }
 
@@ -84,36 +90,18 @@ fn isbi_scores_are_those_of_the_challenges_own_program() {
         let ours = Isbi::of(&truth, &result, &gate, &Units::single(&truth, &result)).unwrap().0;
         // Documented difference: the reference gives 0 without matches, or NaN without truth; microsig gives
         // null.
-        let nothing = ours.tp == 0;
-        let scores = [
-            ("alpha", ours.alpha),
-            ("beta", ours.beta),
-            ("jsc", ours.jsc),
-            ("jsc_theta", ours.jsc_theta),
-            ("rmse", ours.rmse.or(nothing.then_some(0.0))),
-            ("min_dist", ours.min_distance.or(nothing.then_some(0.0))),
-        ];
+        let keys = "alpha, beta, jsc, jsc_theta, rmse = rmse ? 0, min_dist = min_distance ? 0, tp, fn, fp, tp_tracks, \
+                    fn_tracks, fp_tracks";
+        let theirs = |key: &str| value(&record, key);
+        compare(&name, &json!(ours), &theirs, keys, &mut problems);
         // The reference's standard deviation is NaN if rounding makes the mean square less than the squared
         // mean, and its maximum distance omits the first one if that is also the minimum so far.
-        let spread = value(&record, "std_dist");
-        if !spread.is_nan() {
-            let ours = ours.std_distance.or(nothing.then_some(0.0));
-            check(&format!("{name} std_dist"), ours, spread, &mut problems);
+        if !theirs("std_dist").is_nan() {
+            compare(&name, &json!(ours), &theirs, "std_dist = std_distance ? 0", &mut problems);
         }
         let most = ours.max_distance.unwrap_or(0.0);
-        if most < value(&record, "max_dist") - TOLERANCE {
+        if most < theirs("max_dist") - TOLERANCE {
             problems.push(format!("{name} max_dist: {most}"));
-        }
-        let counts = [
-            ("tp", ours.tp),
-            ("fn", ours.missed),
-            ("fp", ours.fp),
-            ("tp_tracks", ours.tp_tracks),
-            ("fn_tracks", ours.fn_tracks),
-            ("fp_tracks", ours.fp_tracks),
-        ];
-        for (key, score) in scores.into_iter().chain(counts.map(|(k, c)| (k, Some(c as f64)))) {
-            check(&format!("{name} {key}"), score, value(&record, key), &mut problems);
         }
     }
     done(problems);
@@ -128,25 +116,14 @@ fn detection_and_links_are_those_of_the_reference() {
         let d = Detection::of(&truth, &result, &matching, true, &Units::single(&truth, &result)).0;
         let l = Links::of(&truth, &result, &matching, &Units::single(&truth, &result)).0;
         let rmse = d.rmse_xy_px.zip(d.rmse_z_um).map(|(xy, z)| (xy * xy + z * z).sqrt());
-        let f = |n: usize| Some(n as f64);
         // The reference's F1 without truth and result is 0; recall without truth is NaN there and null here.
-        for (key, ours) in [
-            ("det_tp", f(d.tp)),
-            ("det_fn", f(d.missed)),
-            ("det_fp", f(d.fp)),
-            ("det_precision", d.precision),
-            ("det_recall", d.recall),
-            ("det_f1", d.f1),
-            ("det_jaccard", d.jaccard),
-            ("det_rmse", rmse),
-            ("link_tp", f(l.tp)),
-            ("link_fp", f(l.fp)),
-            ("link_fn", f(l.missed)),
-            ("link_precision", l.precision),
-            ("link_recall", l.recall),
-            ("link_f1", l.f1),
+        for (part, ours, keys) in [
+            ("det", json!(d), "tp, fn, fp, precision, recall, f1, jaccard"),
+            ("det", json!({ "rmse": rmse }), "rmse"),
+            ("link", json!(l), "tp, fp, fn, precision, recall, f1"),
         ] {
-            check(&format!("{name} {key}"), ours, value(&record, key), &mut problems);
+            let theirs = |key: &str| value(&record, &format!("{part}_{key}"));
+            compare(&format!("{name} {part}"), &ours, &theirs, keys, &mut problems);
         }
     }
     done(problems);
@@ -160,32 +137,13 @@ fn clear_and_identity_are_those_of_motmetrics() {
         let candidates = Candidates::new(&truth, &result, &gate).unwrap();
         let c = Clear::of(&truth, &result, &candidates, gate.xy_px, &Units::single(&truth, &result));
         let i = Identity::of(&truth, &result, &candidates, &Units::single(&truth, &result));
-        let f = |n: usize| Some(n as f64);
-        for (key, ours) in [
-            // Documented difference: without truth MOTA is minus infinity there and null here.
-            ("mota", c.mota.or(truth.is_empty().then_some(f64::NEG_INFINITY))),
-            ("motp", c.motp),
-            ("num_matches", f(c.matches)),
-            ("num_switches", f(c.id_switches)),
-            ("num_false_positives", f(c.false_positives)),
-            ("num_misses", f(c.misses)),
-            ("mostly_tracked", f(c.mostly_tracked)),
-            ("partially_tracked", f(c.partially_tracked)),
-            ("mostly_lost", f(c.mostly_lost)),
-            ("num_fragmentations", f(c.fragmentations)),
-            ("idf1", i.idf1),
-            ("idp", i.idp),
-            ("idr", i.idr),
-            ("idtp", f(i.idtp)),
-            ("idfp", f(i.idfp)),
-            ("idfn", f(i.idfn)),
-        ] {
-            let theirs = value(&record, key);
-            if ours == Some(theirs) {
-                continue;
-            }
-            check(&format!("{name} {key}"), ours, theirs, &mut problems);
-        }
+        let theirs = |key: &str| value(&record, key);
+        // Documented difference: without truth MOTA is minus infinity there and null here.
+        let keys = "mota = mota ? -inf, motp, num_matches = matches, num_switches = id_switches, \
+                    num_false_positives = false_positives, num_misses = misses, mostly_tracked, partially_tracked, mostly_lost, \
+                    num_fragmentations = fragmentations";
+        compare(&name, &json!(c), &theirs, keys, &mut problems);
+        compare(&name, &json!(i), &theirs, "idf1, idp, idr, idtp, idfp, idfn", &mut problems);
     }
     done(problems);
 }
@@ -200,33 +158,15 @@ fn hota_and_identity_are_those_of_trackeval() {
         let candidates = Candidates::new(&truth, &result, &gate).unwrap();
         let h = Hota::of(&truth, &result, &candidates, &Units::single(&truth, &result)).0;
         let i = Identity::of(&truth, &result, &candidates, &Units::single(&truth, &result));
+        let theirs = |key: &str| value(&record, key);
         // Documented difference: without matches TrackEval's localization is 1 and its rates are 0; microsig
         // gives null.
-        let loca = |v: Option<f64>| v.or(Some(1.0));
-        let zero = |v: Option<f64>| v.or(Some(0.0));
-        for (key, ours) in [
-            ("HOTA", h.hota),
-            ("DetA", h.deta),
-            ("AssA", h.assa),
-            ("DetRe", h.detre),
-            ("DetPr", h.detpr),
-            ("AssRe", h.assre),
-            ("AssPr", h.asspr),
-            ("LocA", loca(h.loca)),
-            ("HOTA(0)", h.hota_0),
-            ("LocA(0)", loca(h.loca_0)),
-            ("HOTA@0.05", h.curve.first().copied()),
-            ("HOTA@0.50", h.curve.get(9).copied()),
-            ("HOTA@0.95", h.curve.get(18).copied()),
-            ("IDF1", zero(i.idf1)),
-            ("IDP", zero(i.idp)),
-            ("IDR", zero(i.idr)),
-            ("IDTP", Some(i.idtp as f64)),
-            ("IDFP", Some(i.idfp as f64)),
-            ("IDFN", Some(i.idfn as f64)),
-        ] {
-            check(&format!("{name} {key}"), ours, value(&record, key), &mut problems);
-        }
+        let keys = "HOTA = hota, DetA = deta, AssA = assa, DetRe = detre, DetPr = detpr, AssRe = assre, AssPr = asspr, \
+                    LocA = loca ? 1, HOTA(0) = hota_0, LocA(0) = loca_0 ? 1, HOTA@0.05 = curve.0, HOTA@0.50 = curve.9, \
+                    HOTA@0.95 = curve.18";
+        compare(&name, &json!(h), &theirs, keys, &mut problems);
+        let keys = "IDF1 = idf1 ? 0, IDP = idp ? 0, IDR = idr ? 0, IDTP = idtp, IDFP = idfp, IDFN = idfn";
+        compare(&name, &json!(i), &theirs, keys, &mut problems);
     }
     done(problems);
 }
@@ -264,25 +204,15 @@ fn nodes_edges_and_tra_are_those_of_traccuracy() {
         let d = Detection::of(&truth, &result, &theirs, true, &Units::single(&truth, &result)).0;
         let l = Links::of(&truth, &result, &theirs, &Units::single(&truth, &result)).0;
         let c = Ctc::of(&truth, &result, &theirs);
-        let f = |n: usize| Some(n as f64);
-        for (key, ours) in [
-            ("BasicMetrics.True Positive Nodes", f(d.tp)),
-            ("BasicMetrics.False Positive Nodes", f(d.fp)),
-            ("BasicMetrics.False Negative Nodes", f(d.missed)),
-            ("BasicMetrics.True Positive Edges", f(l.tp)),
-            ("BasicMetrics.False Positive Edges", f(l.fp)),
-            ("BasicMetrics.False Negative Edges", f(l.missed)),
-            ("CTCMetrics.AOGM", Some(c.aogm)),
-            ("CTCMetrics.fp_nodes", f(c.fp_nodes)),
-            ("CTCMetrics.fn_nodes", f(c.fn_nodes)),
-            ("CTCMetrics.fp_edges", f(c.fp_edges)),
-            ("CTCMetrics.fn_edges", f(c.fn_edges)),
-            ("CTCMetrics.TRA", c.tra),
-            ("CTCMetrics.DET", c.det),
-            ("CTCMetrics.LNK", c.lnk),
+        let basic = |key: &str| value(&record, &format!("BasicMetrics.{key}"));
+        for (ours, keys) in [
+            (json!(d), "True Positive Nodes = tp, False Positive Nodes = fp, False Negative Nodes = fn"),
+            (json!(l), "True Positive Edges = tp, False Positive Edges = fp, False Negative Edges = fn"),
         ] {
-            check(&format!("{name} {key}"), ours, value(&record, key), &mut problems);
+            compare(&name, &ours, &basic, keys, &mut problems);
         }
+        let keys = "AOGM = aogm, fp_nodes, fn_nodes, fp_edges, fn_edges, TRA = tra, DET = det, LNK = lnk";
+        compare(&name, &json!(c), &|key| value(&record, &format!("CTCMetrics.{key}")), keys, &mut problems);
     }
     done(problems);
     // With microsig's rule most cases have the same pairs; docs/scoring.md describes the difference.
@@ -309,33 +239,14 @@ fn gdpt_errors_and_curves_are_those_of_defocustracker() {
     for (name, theirs) in errors.iter().filter(|(name, _)| name.ends_with("greedy")) {
         let gates = (theirs["outliers_x"], theirs["outliers_z"]);
         let g = Gdpt::of(&truth, &result, gates, (0.0, 1.0), &Units::single(&truth, &result)).unwrap();
-        for (key, ours) in [
-            ("tp", Some(g.tp as f64)),
-            ("fn", Some(g.missed as f64)),
-            ("fp", Some(g.fp as f64)),
-            ("sigma_X", g.sigma_x_px),
-            ("sigma_Y", g.sigma_y_px),
-            ("sigma_Z", g.sigma_z_um),
-            ("bias_X", g.bias_x_px),
-            ("bias_Y", g.bias_y_px),
-            ("bias_Z", g.bias_z_um),
-            ("recall", g.phi),
-            ("precision", g.precision),
-        ] {
-            check(&format!("{name} {key}"), ours, theirs[key], &mut problems);
-        }
+        let keys = "tp, fn, fp, sigma_X = sigma_x_px, sigma_Y = sigma_y_px, sigma_Z = sigma_z_um, bias_X = bias_x_px, \
+                    bias_Y = bias_y_px, bias_Z = bias_z_um, recall = phi, precision";
+        compare(name, &json!(g), &|key| theirs[key], keys, &mut problems);
         if name == "gate_2px_h10/greedy" {
             for (node, record) in g.curve.iter().zip(table("gdpt/delta_gate_2px_h10_greedy.csv")) {
-                for (key, ours) in [
-                    ("n_tp", Some(node.tp as f64)),
-                    ("n_true", Some(node.n_true as f64)),
-                    ("sigma_X", node.sigma_x_px),
-                    ("sigma_Y", node.sigma_y_px),
-                    ("sigma_Z", node.sigma_z_um),
-                    ("recall", node.recall),
-                ] {
-                    check(&format!("Z {} {key}", node.z_over_h), ours, value(&record, key), &mut problems);
-                }
+                let keys = "n_tp = tp, n_true, sigma_X = sigma_x_px, sigma_Y = sigma_y_px, sigma_Z = sigma_z_um, recall";
+                let what = format!("Z {}", node.z_over_h);
+                compare(&what, &json!(node), &|key| value(&record, key), keys, &mut problems);
             }
         }
     }
@@ -359,37 +270,21 @@ fn field_metrics_are_those_of_the_reference() {
         evaluate_files(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score.field.unwrap();
     let a = &score.main;
     let text = std::fs::read_to_string(folder().join("piv/metrics.json")).unwrap();
-    let theirs: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let theirs: Value = serde_json::from_str(&text).unwrap();
     let mut problems = Vec::new();
-    for (key, ours) in [
-        ("/n_total", Some(score.n_total as f64)),
-        ("/n_reported", Some(score.n_reported as f64)),
-        ("/data_yield", score.data_yield),
-        ("/epe_mean", a.aee_px),
-        ("/epe_rms", a.epe_rms_px),
-        ("/aee_per_100px", a.aee_per_100px),
-        ("/nepe", a.nepe),
-        ("/outlier_threshold_px", Some(a.outlier_threshold_px)),
-        ("/outlier_fraction", a.outlier_fraction),
-        ("/valid_vector_fraction_of_all", a.valid_vector_probability),
-        ("/aae_deg", a.angular_error_deg),
-        ("/peak_lock_C", a.peak_locking.degree),
-        ("/coverage_1s_u", a.coverage_1s_u),
-        ("/coverage_1s_u_inliers", a.coverage_1s_u_inliers),
-    ] {
-        check(key, ours, theirs.pointer(key).and_then(serde_json::Value::as_f64).unwrap(), &mut problems);
-    }
-    for (name, c) in [("u", &a.u), ("v", &a.v), ("u_inliers", &a.u_inliers), ("v_inliers", &a.v_inliers)] {
-        for (key, ours) in [
-            ("bias", c.bias_px),
-            ("random", c.random_px),
-            ("total_rms", c.rms_px),
-            ("mae", c.mae_px),
-            ("median_abs", c.median_abs_px),
-            ("p95_abs", c.p95_abs_px),
-        ] {
-            check(&format!("{name} {key}"), ours, theirs[name][key].as_f64().unwrap(), &mut problems);
-        }
+    let of = |part: &str| {
+        let theirs = if part.is_empty() { theirs.clone() } else { theirs[part].clone() };
+        move |key: &str| theirs[key].as_f64().unwrap()
+    };
+    compare("", &json!(score), &of(""), "n_total, n_reported, data_yield", &mut problems);
+    let keys = "epe_mean = aee_px, epe_rms = epe_rms_px, aee_per_100px, nepe, outlier_threshold_px, outlier_fraction, \
+                valid_vector_fraction_of_all = valid_vector_probability, aae_deg = angular_error_deg, \
+                peak_lock_C = peak_locking.degree, coverage_1s_u, coverage_1s_u_inliers";
+    compare("", &json!(a), &of(""), keys, &mut problems);
+    for (name, ours) in [("u", &a.u), ("v", &a.v), ("u_inliers", &a.u_inliers), ("v_inliers", &a.v_inliers)] {
+        let keys = "bias = bias_px, random = random_px, total_rms = rms_px, mae = mae_px, median_abs = median_abs_px, \
+                    p95_abs = p95_abs_px";
+        compare(name, &json!(ours), &of(name), keys, &mut problems);
     }
     let histogram: Vec<usize> = serde_json::from_value(theirs["peak_lock_hist_u_10bins"].clone()).unwrap();
     assert_eq!(a.peak_locking.histogram_u, histogram);
