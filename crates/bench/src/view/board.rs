@@ -15,7 +15,7 @@ fn columns() -> impl Iterator<Item = &'static ScoreDef> {
 
 /// The datasets, trackers and columns that the page can show.
 pub(super) fn about(app: &App) -> Value {
-    let subject = app.subject();
+    let subject = &app.subject;
     let has = |tracker: &Tracker| tracker.results.iter().map(Option::is_some).collect::<Vec<_>>();
     let columns = columns()
         .map(|def| json!({ "path": def.path, "label": def.label, "unit": def.unit, "better": def.better }));
@@ -36,6 +36,6 @@ pub(super) fn about(app: &App) -> Value {
 /// The scores of a tracker on a dataset, by path; `None` if it has no result for it.
 pub(super) fn entry(app: &App, dataset: usize, tracker: usize) -> Result<Option<Value>> {
     let Some(open) = app.result(dataset, tracker)? else { return Ok(None) };
-    let scores = columns().map(|def| (def.path.to_owned(), def.measured(open.score()).0.into()));
+    let scores = columns().map(|def| (def.path.to_owned(), def.measured(&open.score).0.into()));
     Ok(Some(json!({ "scores": Value::Object(scores.collect()) })))
 }

@@ -17,7 +17,7 @@ const MAX_PART: u64 = 64 << 20;
 #[derive(Debug)]
 pub(super) struct Indexed {
     path: PathBuf,
-    header: Vec<String>,
+    pub(super) header: Vec<String>,
     /// First row of each number: number, byte offset, number of rows before it. An empty first cell counts as
     /// 0.
     starts: Vec<(u32, u64, u64)>,
@@ -45,11 +45,6 @@ impl Indexed {
             (rows, at) = (rows + 1, reader.position().byte());
         }
         Ok(Indexed { path: path.to_owned(), header, starts, end: at })
-    }
-
-    /// Names of the columns.
-    pub(super) fn header(&self) -> &[String] {
-        &self.header
     }
 
     /// Index of a column.

@@ -137,7 +137,7 @@ impl OpenDataset {
         let tracks = self.tracks()?;
         let Some(tracks) = tracks.as_ref() else { return Ok(Value::Null) };
         let (rows, before) = tracks.rows(frame)?;
-        Ok(json!({ "row": before, "n": rows.len(), "columns": by_column(tracks.header(), &rows) }))
+        Ok(json!({ "row": before, "n": rows.len(), "columns": by_column(&tracks.header, &rows) }))
     }
 
     /// The vectors of the true field of an image pair by columns; a steady field applies to every pair. If
@@ -149,7 +149,7 @@ impl OpenDataset {
         let (rows, _) = field.rows(if numbers == [0] { 0 } else { pair })?;
         let step = rows.len().div_ceil(MAX_VECTORS).max(1);
         let kept: Vec<Vec<f64>> = rows.iter().step_by(step).cloned().collect();
-        Ok(json!({ "n": kept.len(), "of": rows.len(), "columns": by_column(field.header(), &kept) }))
+        Ok(json!({ "n": kept.len(), "of": rows.len(), "columns": by_column(&field.header, &kept) }))
     }
 
     fn optics(&self) -> Result<Arc<(Scenario, DepthScan)>> {

@@ -72,7 +72,7 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     let app = App::new(subject, 0)?;
     let mut answers = Answers::default();
     answers.put("about", board::about(&app));
-    let (datasets, trackers) = (app.subject().datasets.len(), app.subject().trackers.len());
+    let (datasets, trackers) = (app.subject.datasets.len(), app.subject.trackers.len());
     for dataset in 0..datasets {
         for tracker in 0..trackers {
             if let Some(entry) = board::entry(&app, dataset, tracker)? {
@@ -124,7 +124,7 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     if let Ok(depth) = open.depth() {
         answers.put("dataset/0/depth", depth);
     }
-    for tracker in 0..app.subject().trackers.len() {
+    for tracker in 0..app.subject.trackers.len() {
         if let Some(result) = app.result(0, tracker)? {
             answers.put(&format!("dataset/0/result/{tracker}"), result.about());
         }
@@ -152,7 +152,7 @@ fn of_frame(app: &App, open: &OpenDataset, frame: u32, are_pairs: bool) -> Resul
     answers.put(&format!("dataset/0/truth/{frame}"), open.truth(frame)?);
     let pair = if are_pairs { frame / 2 } else { frame };
     answers.put(&format!("dataset/0/field/{pair}"), open.field(pair)?);
-    for tracker in 0..app.subject().trackers.len() {
+    for tracker in 0..app.subject.trackers.len() {
         if let Some(result) = app.result(0, tracker)? {
             let path = format!("dataset/0/result/{tracker}");
             answers.put(&format!("{path}/frame/{frame}"), result.frame(frame));

@@ -87,7 +87,7 @@ impl PreviewRun {
 
     fn parts(&self, app: &App, text: &str) -> std::result::Result<(), Stop> {
         self.check()?;
-        let scenario = match editor::read(app.subject(), text) {
+        let scenario = match editor::read(&app.subject, text) {
             Ok(scenario) => scenario,
             Err(problems) => return self.send(json!({ "part": "problems", "problems": problems }), &[]),
         };

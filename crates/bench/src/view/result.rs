@@ -29,7 +29,7 @@ const MAX_LIST: usize = 500;
 /// An open result.
 #[derive(Debug)]
 pub(super) struct OpenResult {
-    score: Score,
+    pub(super) score: Score,
     /// All scored points, sorted by frame: found, missed and ghost particles.
     points: Vec<Point>,
     /// Number of the last frame with points, plus 1.
@@ -100,11 +100,6 @@ impl OpenResult {
         };
         let frames = points.last().map_or(0, |point| point.frame + 1);
         Ok(OpenResult { score: evaluation.score, points, frames, vectors })
-    }
-
-    /// The scores.
-    pub(super) fn score(&self) -> &Score {
-        &self.score
     }
 
     /// Scores, whether points are linked, and the numbers of found, missed and ghost particles in each frame.

@@ -116,11 +116,11 @@ async fn about(State(app): Shared) -> Response {
 }
 
 async fn start(State(app): Shared) -> Response {
-    work(app, |app| editor::about(app.subject()).map(Some)).await
+    work(app, |app| editor::about(&app.subject).map(Some)).await
 }
 
 async fn save(State(app): Shared, text: String) -> Response {
-    work(app, move |app| editor::save(app.subject(), &text).map(Some)).await
+    work(app, move |app| editor::save(&app.subject, &text).map(Some)).await
 }
 
 async fn preview_of(State(app): Shared, text: String) -> Response {
@@ -169,7 +169,7 @@ async fn result(State(app): Shared, Path((dataset, tracker)): Path<(usize, usize
 }
 
 async fn score(State(app): Shared, Path((dataset, tracker)): Path<(usize, usize)>) -> Response {
-    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| json!(open.score())))).await
+    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| json!(open.score)))).await
 }
 
 async fn points(State(app): Shared, Path((dataset, tracker, frame)): Path<(usize, usize, u32)>) -> Response {

@@ -87,9 +87,9 @@ pub fn serve(
 /// The routes with access control.
 pub(super) fn router(app: &Arc<App>) -> Router {
     Router::new()
-        .nest(&format!("/{}", app.token()), routes::all())
+        .nest(&format!("/{}", app.token), routes::all())
         // Paths of the page are relative, so its own address ends with a slash.
-        .route(&format!("/{}/", app.token()), get(routes::index))
+        .route(&format!("/{}/", app.token), get(routes::index))
         .layer(from_fn_with_state(Arc::clone(app), guard))
         .with_state(Arc::clone(app))
 }
@@ -111,8 +111,8 @@ async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
 fn admitted(app: &App, request: &Request) -> std::result::Result<(), StatusCode> {
     let uri = request.uri();
     let authority = uri.authority().map(ToString::to_string);
-    let is_meant = is_meant(app.port(), authority.as_deref(), request.headers());
-    if is_meant && is_token(app.token(), uri.path()) { Ok(()) } else { Err(StatusCode::FORBIDDEN) }
+    let is_meant = is_meant(app.port, authority.as_deref(), request.headers());
+    if is_meant && is_token(&app.token, uri.path()) { Ok(()) } else { Err(StatusCode::FORBIDDEN) }
 }
 
 /// Whether `Host` and `Origin` name this server.

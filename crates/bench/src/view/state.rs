@@ -26,9 +26,9 @@ const ALONE: Duration = Duration::from_secs(5);
 /// State shared by requests.
 #[derive(Debug)]
 pub(super) struct App {
-    subject: Subject,
-    token: String,
-    port: u16,
+    pub(super) subject: Subject,
+    pub(super) token: String,
+    pub(super) port: u16,
     datasets: Cache<usize, OpenDataset>,
     results: Cache<(usize, usize), OpenResult>,
     /// Locked while a result is scored: scoring may need much memory.
@@ -112,18 +112,6 @@ impl App {
         })
     }
 
-    pub(super) fn subject(&self) -> &Subject {
-        &self.subject
-    }
-
-    pub(super) fn token(&self) -> &str {
-        &self.token
-    }
-
-    pub(super) fn port(&self) -> u16 {
-        self.port
-    }
-
     /// The page's address.
     pub(super) fn address(&self) -> String {
         format!("http://127.0.0.1:{}/{}/", self.port, self.token)
@@ -146,7 +134,7 @@ impl App {
         if let Some(open) = self.datasets.find(number) {
             return Ok(Some(open));
         }
-        Ok(Some(self.datasets.keep(number, OpenDataset::open(&entry.folder, &self.subject().context)?)))
+        Ok(Some(self.datasets.keep(number, OpenDataset::open(&entry.folder, &self.subject.context)?)))
     }
 
     /// The result of a tracker for a dataset; `None` if it does not exist.

@@ -56,7 +56,7 @@ impl Server {
     }
 
     fn connect(&self) -> TcpStream {
-        let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, self.app.port())).unwrap();
+        let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, self.app.port)).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         stream
     }
@@ -75,7 +75,7 @@ impl Server {
     }
 
     fn send(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
-        let port = self.app.port();
+        let port = self.app.port;
         let host =
             if headers.contains("Host:") { String::new() } else { format!("Host: 127.0.0.1:{port}\r\n") };
         let length = body.len();
@@ -91,7 +91,7 @@ impl Server {
     }
 
     fn path(&self, path: &str) -> String {
-        format!("/{}/{path}", self.app.token())
+        format!("/{}/{path}", self.app.token)
     }
 
     fn json(&self, path: &str) -> Value {
@@ -142,8 +142,8 @@ fn dataset(folder: &Path) -> std::path::PathBuf {
 fn strangers_are_refused() {
     let server = Server::of(Subject::default());
     assert_eq!(server.get("").status, 200);
-    let token = server.app.token().to_owned();
-    let port = server.app.port();
+    let token = server.app.token.to_owned();
+    let port = server.app.port;
     let page = format!("/{token}/");
     let refused = |path: &str, headers: &str| server.send("GET", path, headers, "").status;
     // Without the token, or with a wrong token.
@@ -435,7 +435,7 @@ fn the_last_page_that_is_closed_ends_the_program() {
     assert!(!within(6, None), "it waits for the first page");
     let mut stream = server.connect();
     let request =
-        format!("GET {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", server.path("alive"), server.app.port());
+        format!("GET {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", server.path("alive"), server.app.port);
     stream.write_all(request.as_bytes()).unwrap();
     let mut byte = [0];
     stream.read_exact(&mut byte).unwrap();
