@@ -12,7 +12,6 @@ __all__ = [
     "Ahead",
     "FittedMicroscope",
     "FlowField",
-    "IMPORT_RANGES",
     "Made",
     "PARTICLE_COLUMNS",
     "Samples",
@@ -31,7 +30,6 @@ __all__ = [
     "fit_scan",
     "generate",
     "image_size",
-    "import_recording",
     "manifest",
     "methods",
     "optics",
@@ -153,7 +151,6 @@ class Labels(TypedDict):
     heatmap_sigma_px: float
 
 PARTICLE_COLUMNS: list[str]
-IMPORT_RANGES: dict[str, tuple[float, float]]
 
 def render(
     settings: str,
@@ -174,7 +171,6 @@ def evaluate(
     how: How,
 ) -> Scored: ...
 def compare(scores: list[tuple[str, Scored]]) -> tuple[list[dict[str, Any]], list[str], str]: ...
-def import_recording(out: Path, how: dict[str, Any], show: _Show) -> list[str]: ...
 def export(
     dataset: Made | str | os.PathLike[str],
     out: Path,

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from . import _microsig
-from ._arguments import flag, real, whole
+from ._arguments import flag, optional, real, whole
 from ._dataset import Dataset, open
-from ._progress import Progress, shown
+from ._progress import Progress
+from ._verbs import Options
 
 _Path = str | os.PathLike[str]
 
@@ -72,36 +71,32 @@ def import_recording(
     """
     if (magnification is None) != (pixel_size_um is None):
         raise ValueError("magnification and pixel_size_um: expected both or neither")
-    ranges = _microsig.IMPORT_RANGES
-    _, farthest_um = ranges["z_step_um"]
-    um_per_px = None
-    if magnification is not None and pixel_size_um is not None:
-        magnification = real("magnification", magnification, *ranges["magnification"])
-        um_per_px = real("pixel_size_um", pixel_size_um, *ranges["pixel_size_um"]) / magnification
-    how = {
-        "images": _paths(images),
-        "scan": _path(scan),
-        "z": _path(z),
-        "z_step_um": None if z_step_um is None else real("z_step_um", z_step_um, -farthest_um, farthest_um),
-        "z_toward": flag("z_toward", z_toward),
-        "optics": _path(optics),
-        "um_per_px": um_per_px,
-        "dt_s": None if dt_s is None else real("dt_s", dt_s, *ranges["dt_s"]),
-        "pairs": flag("pairs", pairs),
-        "pages_per_time": None if pages_per_time is None else whole("pages_per_time", pages_per_time, 1, 2**31),
-        "page": None if page is None else whole("page", page, 0, 2**31),
-        "truth": _paths(truth),
-        "all_particles": flag("all_particles", all_particles),
-        "dark": _path(dark),
-        "flat": _path(flat),
-        "field": whole("field", field, 1, 9),
-        "particles": whole("particles", particles, 1, 1000),
-        "window_px": None if window_px is None else whole("window_px", window_px, 11, 1023),
-        "copy": flag("copy", copy),
-        "force": flag("force", force),
-    }
-    for warning in _microsig.import_recording(Path(out), how, shown(progress)):
-        warnings.warn(warning, stacklevel=2)
+    options = (
+        Options("import")
+        .add("images", _paths(images))
+        .add("scan", _path(scan))
+        .add("z", _path(z))
+        .add("z_step", optional(real, "z_step_um", z_step_um))
+        .add("z_toward", flag("z_toward", z_toward))
+        .add("magnification", optional(real, "magnification", magnification))
+        .add("pixel_size", optional(real, "pixel_size_um", pixel_size_um))
+        .add("optics", _path(optics))
+        .add("dt", optional(real, "dt_s", dt_s))
+        .add("pairs", flag("pairs", pairs))
+        .add("pages_per_time", optional(whole, "pages_per_time", pages_per_time, 1, 2**31))
+        .add("page", optional(whole, "page", page, 0, 2**31))
+        .add("truth", _paths(truth))
+        .add("all_particles", flag("all_particles", all_particles))
+        .add("dark", _path(dark))
+        .add("flat", _path(flat))
+        .add("field", whole("field", field, 1, 9))
+        .add("particles", whole("particles", particles, 1, 1000))
+        .add("window", optional(whole, "window_px", window_px, 11, 1023))
+        .add("copy", flag("copy", copy))
+        .add("force", flag("force", force))
+        .add("out", Path(out))
+    )
+    options.call(progress=progress)
     return open(out)
 
 

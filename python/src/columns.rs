@@ -1,19 +1,9 @@
-//! Tables as NumPy arrays, and ranges of options.
-
-use std::collections::HashMap;
+//! Tables as NumPy arrays.
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use storage::NumberRange;
 use storage::dataset::{Columns, Table, Values};
-
-/// Smallest and largest allowed value by the name of an option.
-pub(crate) fn ranges<'a>(
-    ranges: impl IntoIterator<Item = &'a NumberRange>,
-) -> HashMap<&'static str, (f64, f64)> {
-    ranges.into_iter().map(|range| (range.key, (range.least, range.most))).collect()
-}
 
 /// A table as Python receives it: its path in a dataset, meaning of a row, units and descriptions by column,
 /// values by column.

@@ -9,7 +9,6 @@ mod dataset;
 mod fields;
 mod fit;
 mod object;
-mod recording;
 mod render;
 mod run;
 mod scores;
@@ -49,7 +48,6 @@ fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
     render::add(module)?;
     fields::add(module)?;
     fit::add(module)?;
-    recording::add(module)?;
     scores::add(module)?;
     stream::add(module)?;
     verbs::add(module)

@@ -11,9 +11,6 @@ pub(crate) struct Object<T = Value>(pub(crate) T);
 
 impl Object {
     /// The result.
-    ///
-    /// # Errors
-    /// A result that cannot be serialized; never observed.
     pub(crate) fn of(result: &impl Serialize) -> storage::Result<Self> {
         serde_json::to_value(result).map(Object).map_err(|e| storage::Error::input(e.to_string()))
     }
