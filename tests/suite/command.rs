@@ -191,39 +191,6 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
 }
 
 #[test]
-fn malformed_settings_and_data_files_name_the_line_and_leave_no_output() {
-    let place = tempfile::tempdir().unwrap();
-    let mut bytes = Vec::new();
-    let small =
-        microsig_core::Settings { pixel_dim_x: 50, pixel_dim_y: 40, ..microsig_core::Settings::setting1() };
-    microsig_core::formats::settings_file::write(&mut bytes, &small).unwrap();
-    let good_settings = String::from_utf8(bytes).unwrap();
-    let good_data = "25 20 -30 2\n10 10 0 2\n";
-    let out = place.path().join("out");
-    let refuse = |settings: &str, data: &str, expected: &str| {
-        let settings = write(place.path(), "settings.txt", settings);
-        let data = write(place.path(), "data.txt", data);
-        let message = fail(2, &["render", path(&settings), path(&data), path(&out)]);
-        assert!(message.contains(expected), "expected {expected}: {message}");
-        assert_eq!(listing(place.path()), ["data.txt", "settings.txt"], "{expected}");
-    };
-    for (from, to, expected) in [
-        ("gain = 3.2\n", "", "settings.txt: gain is missing"),
-        ("gain = 3.2", "gain = nan", "settings.txt:13: gain = NaN"),
-    ] {
-        assert!(good_settings.contains(from), "{from}");
-        refuse(&good_settings.replacen(from, to, 1), good_data, expected);
-    }
-    for (data, expected) in [
-        ("25 20 -30 2\n10 10 0\n", "data.txt:2: 3 columns, but 4 before"),
-        ("25 20 -30 2\n25 20 -500 2\n", "data.txt: particle 2: z = -500 um reaches the lens"),
-        ("25 20 -30 0.01\n", "data.txt: particle 1: d_p = 0.01 um is too small for points_per_pixel = 18"),
-    ] {
-        refuse(&good_settings, data, expected);
-    }
-}
-
-#[test]
 fn render_takes_what_the_formats_allow() {
     let place = tempfile::tempdir().unwrap();
     let mut bytes = Vec::new();

@@ -178,34 +178,20 @@ fn a_tracker_has_a_default_output_beside_the_dataset() {
 }
 
 #[test]
-fn programs_read_the_progress_as_json() {
+fn programs_read_the_progress_as_json_and_a_log_has_no_bars() {
     let place = tempfile::tempdir().unwrap();
     let scenario = write(place.path(), "s.ron", SCENARIO);
-    let sweep = write(
-        place.path(),
-        "sweep.ron",
-        r#"(name: "s", base: "s.ron", axes: [(path: "seed", values: list([1, 2]))])"#,
-    );
-    let out = place.path().join("out");
-    let output =
-        microsig().args(["sweep", path(&sweep), "-o", path(&out), "--progress", "json"]).output().unwrap();
-    assert!(output.status.success() && scenario.exists());
-    let lines: Vec<Value> = text(&output.stderr)
-        .lines()
-        .filter(|line| line.starts_with('{'))
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect();
-    let cases: Vec<_> = lines
-        .iter()
-        .filter(|line| line["task"] == "cases" && line["event"] != "progress")
-        .map(|line| (line["event"].as_str().unwrap(), line["done"].as_u64().unwrap(), line["total"].as_u64()))
-        .collect();
-    assert_eq!(cases, [("begin", 0, Some(2)), ("end", 2, Some(2))]);
-    let images = lines.iter().filter(|line| line["task"] == "images" && line["event"] == "end");
-    assert_eq!(images.map(|line| line["done"].as_u64().unwrap()).collect::<Vec<_>>(), [2, 2]);
-    // A log has no bars, and a short run no lines.
-    let output = microsig().args(["sweep", path(&sweep), "-o", path(&out), "-f"]).output().unwrap();
-    assert_eq!(text(&output.stderr), "");
+    let said = |out: &str, more: &[&str]| {
+        let out = place.path().join(out);
+        let output =
+            microsig().args(["generate", path(&scenario), "-o", path(&out)]).args(more).output().unwrap();
+        assert!(output.status.success());
+        text(&output.stderr)
+    };
+    let lines = said("json", &["--progress", "json"]);
+    let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
+    assert_eq!((&first["event"], &first["done"]), (&"begin".into(), &0.into()), "{lines}");
+    assert_eq!(said("log", &[]), "");
 }
 
 #[test]

@@ -5,7 +5,6 @@ use std::path::Path;
 
 use scoring::evaluate::field::FieldScore;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
-use scoring::results::{Conventions, Origin};
 use suite::microsig::{fail, path, run};
 
 /// A grid of `n` x `n` vectors with a spacing of 8 px.
@@ -269,32 +268,4 @@ fn image_pairs_that_are_not_there_are_told() {
         let export = ["export", path(&folder), "--format", "openpiv", "--out", path(&out), "--pair"];
         assert!(fail(2, &[&export[..], &["99"]].concat()).contains("no pair 99"));
     }
-}
-
-/// A real file: OpenPIV 0.26.1, `windef` with two passes of 64 px, on this pair.
-#[test]
-fn openpiv_reverses_y_within_its_grid() {
-    let place = tempfile::tempdir().unwrap();
-    let dataset = place.path().join("dataset");
-    let set = ["timing.pairs.count=1", "optics.pixel_dim_x=500", "optics.pixel_dim_y=502"];
-    let set: Vec<&str> = set.iter().flat_map(|set| ["--set", set]).collect();
-    run(&[&["generate", "piv_gaussian", "--quiet", "--out", path(&dataset)], &set[..]].concat());
-    let file = suite::data().join("formats/openpiv_windef.txt");
-    let scored = |conventions| {
-        let options = EvaluateOptions { conventions, ..EvaluateOptions::default() };
-        evaluate_files(&dataset, &file, &options).unwrap().score
-    };
-    let rms = |score: &scoring::evaluate::Score| score.field.as_ref().unwrap().main.u.rms_px.unwrap();
-    let up = Conventions { y_up: Some(true), ..Conventions::default() };
-    let (as_written, upward) = (scored(Conventions::default()), scored(up));
-    let hint = &as_written.hints[0];
-    assert!(hint.what.ends_with("px; --y up"), "{hint:?}");
-    let promised = hint.rms_px.unwrap();
-    let given = upward.field.as_ref().unwrap().main.epe_rms_px.unwrap();
-    // The promise is made with splines between the nodes of the truth.
-    assert!((promised - given).abs() < 1e-5, "{promised} {given}");
-    // Measured: 0.176 px, and 0.171 px where the window's center belongs.
-    assert!(rms(&upward) < 0.18, "{}", rms(&upward));
-    let exact = scored(Conventions { origin: Some(Origin::Center0), ..up });
-    assert!(rms(&exact) < 0.173 && exact.hints.is_empty(), "{} {:?}", rms(&exact), exact.hints);
 }

@@ -192,36 +192,6 @@ fn places_in_bodies_and_behind_walls_are_masked() {
     assert!(masked > 96 && masked < 150, "{masked}");
 }
 
-/// A result made from the central truth has no error against it, but against the others.
-#[test]
-fn evaluate_reads_every_definition_of_the_field() {
-    let place = tempfile::tempdir().unwrap();
-    let rest = "motion: flow(field: sum([taylor_green(max_speed_um_s: 2580, wavelength_um: 120), poiseuille()])), \
-                particles: (number: count(2)), timing: pairs(count: 2), \
-                truth_grid: grid(spacing_px: 16, planes: even(3), weighting: peak_squared)";
-    let out = dataset(place.path(), "vortices", rest);
-    let field = table(&out.join("truth/field.csv"));
-    // Decaying vortices differ from pair to pair.
-    let pairs = [0.0, 1.0].map(|pair| field["pair"].iter().filter(|p| **p == pair).count());
-    assert_eq!(pairs, [144, 144]);
-    let mut result = "pair,x_px,y_px,dx_px,dy_px,flag\n".to_owned();
-    for i in (0..288).filter(|&i| field["plane"][i] == 2.0) {
-        let value = |name: &str| field[name][i];
-        let (dx, dy) = (value("central_dx_px"), value("central_dy_px"));
-        result += &format!("{},{},{},{dx},{dy},0\n", value("pair"), value("x_px"), value("y_px"));
-    }
-    let file = place.path().join("field.csv");
-    std::fs::write(&file, result).unwrap();
-    let score: Value = json(&["evaluate", path(&out), path(&file)]);
-    let truths = &score["field"]["truths"];
-    let aee = |kind: &str| truths[kind]["aee_px"].as_f64().unwrap();
-    assert!(aee("central") < 1e-9, "{}", aee("central"));
-    // Displacements of 20 px around vortices of 93 px: forward differs by some pixels; depth-weighted is that
-    // of another depth.
-    assert!(aee("forward") > 1.0 && aee("weighted") > 0.2, "{truths}");
-    assert_eq!(score["field"]["against"], "central");
-}
-
 /// In a channel that takes a part of the image, images overlap as its particles do, which `n_s` asks for and
 /// states.
 #[test]
