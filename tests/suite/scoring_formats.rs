@@ -181,8 +181,9 @@ const DETECTIONS: &str = "<detection t=\"0\" x=\"1\" y=\"1\" z=\"0\"/>";
 
 /// Names, contents, and what the message says.
 fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
+    let t = |text: &str| text.as_bytes().to_vec();
     let flo = |width: i32, height: i32, rest: usize| {
-        let mut bytes = b"PIEH".to_vec();
+        let mut bytes = t("PIEH");
         bytes.extend(width.to_le_bytes());
         bytes.extend(height.to_le_bytes());
         bytes.resize(12 + rest, 0);
@@ -191,36 +192,23 @@ fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
     let bomb = "<?xml version=\"1.0\"?><!DOCTYPE a [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;\">]>\
                 <Tracks><particle><detection t=\"&b;\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>";
     vec![
-        ("large.csv", b"frame,track,x_px,y_px\n0,0,1e308,1\n".to_vec(), ":2: x = 1e308"),
-        ("infinite.csv", b"frame,track,x_px,y_px\n0,0,inf,1\n".to_vec(), ":2: x = inf"),
-        ("frame.csv", b"frame,track,x_px,y_px\n1e300,0,1,1\n".to_vec(), ":2: frame = 1e300"),
-        ("frame2.csv", b"frame,track,x_px,y_px\n0.5,0,1,1\n".to_vec(), ":2: frame = 0.5"),
-        ("track.csv", b"frame,track,x_px,y_px\n0,1e300,1,1\n".to_vec(), ":2: track = 1"),
+        ("large.csv", t("frame,track,x_px,y_px\n0,0,1e308,1\n"), ":2: x = 1e308"),
+        ("infinite.csv", t("frame,track,x_px,y_px\n0,0,inf,1\n"), ":2: x = inf"),
+        ("frame.csv", t("frame,track,x_px,y_px\n1e300,0,1,1\n"), ":2: frame = 1e300"),
+        ("frame2.csv", t("frame,track,x_px,y_px\n0.5,0,1,1\n"), ":2: frame = 0.5"),
+        ("track.csv", t("frame,track,x_px,y_px\n0,1e300,1,1\n"), ":2: track = 1"),
         (
             "claim.csv",
-            b"frame,track,x_px,y_px,sx_px\n0,1,4.5,2,-0.1\n".to_vec(),
+            t("frame,track,x_px,y_px,sx_px\n0,1,4.5,2,-0.1\n"),
             ":2: sx_px = -0.1: expected 0.0 to 1e9",
         ),
-        (
-            "twice.csv",
-            b"frame,track,x_px,y_px\n0,3,1,1\n0,3,2,2\n".to_vec(),
-            "track 3 appears twice in frame 0",
-        ),
-        ("comma.csv", b"frame,track,x_px,y_px\n0,3,1,5,2,5\n".to_vec(), "decimal commas"),
-        ("thousands.csv", b"frame;x_px;y_px\n0;1.234,5;2,5\n".to_vec(), ":2: x_px = \"1.234,5\""),
-        (
-            "mixed.csv",
-            b"frame;x_px;y_px\n0;1,5;2,5\n0;1.5;2\n".to_vec(),
-            "(line 2) and with a decimal point (line 3)",
-        ),
+        ("twice.csv", t("frame,track,x_px,y_px\n0,3,1,1\n0,3,2,2\n"), "track 3 appears twice in frame 0"),
         ("workbook.xlsx", b"PK\x03\x04\x14\0\x06\0".to_vec(), "save the sheet as CSV"),
-        ("unmarked.csv", utf16("frame,x_px,y_px\n0,1,2\n", false), "UTF-16 text without a byte order mark"),
-        ("halved.csv", utf16("frame,x_px,y_px\n0,1,2\n", true)[..45].to_vec(), "ends within a character"),
         ("empty.csv", Vec::new(), "empty"),
-        ("names.csv", b"frame,track,x,y\n0,3,1,5\n".to_vec(), "have no units"),
+        ("names.csv", t("frame,track,x,y\n0,3,1,5\n"), "have no units"),
         (
             "long.csv",
-            [b"frame,track,x_px,y_px\n".to_vec(), vec![b'1'; 10 << 20]].concat(),
+            [t("frame,track,x_px,y_px\n"), vec![b'1'; 10 << 20]].concat(),
             "line 2: the line is longer",
         ),
         ("longer.csv", vec![b'1'; 10 << 20], "longer than"),
@@ -228,34 +216,28 @@ fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
         ("short.flo", flo(100, 100, 79_999), "need 80012 bytes; the file has 80011"),
         ("negative.flo", flo(-1, 5, 40), "-1 x 5 px"),
         ("header.flo", b"PIEH\x01".to_vec(), "shorter than the header"),
-        ("bomb.xml", bomb.as_bytes().to_vec(), "document type"),
+        ("bomb.xml", t(bomb), "document type"),
         (
             "long.xml",
-            [b"<Tracks><particle><detection t=\"".to_vec(), vec![b'1'; 10 << 20]].concat(),
+            [t("<Tracks><particle><detection t=\""), vec![b'1'; 10 << 20]].concat(),
             "a tag or text is longer",
         ),
         ("open.xml", format!("<Tracks><particle>{DETECTIONS}").into_bytes(), "open.xml"),
-        ("unclosed.xml", b"<Tracks><particle><detection t=\"1\"".to_vec(), "unclosed.xml"),
+        ("unclosed.xml", t("<Tracks><particle><detection t=\"1\""), "unclosed.xml"),
         (
             "words.xml",
-            b"<Tracks><particle><detection t=\"a\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>".to_vec(),
+            t("<Tracks><particle><detection t=\"a\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>"),
             "t = \"a\"",
         ),
-        ("field.csv", b"x_px,y_px,dx_px,dy_px\n1,1,1e308,0\n".to_vec(), ":2: 1e308: "),
-        ("flag.csv", b"x_px,y_px,dx_px,dy_px,flag\n1,1,1,0,7\n".to_vec(), ":2: flag = 7"),
-        ("openpiv.txt", b"# x\ty\tu\tv\tflags\tmask\n1\t1\tx\t0\t0\t0\n".to_vec(), ":2: u = \"x\""),
-        ("openpiv7.txt", b"# x\ty\tu\tv\tflags\tmask\n1\t1\t1\t0\t7\t0\n".to_vec(), ":2: flags = 7"),
-        ("same.csv", b"frame,track,x_px,y_px,x_px\n0,0,1,1,2\n".to_vec(), "column x_px appears twice"),
-        ("pivlab.txt", b"PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n".to_vec(), "give --dt"),
+        ("field.csv", t("x_px,y_px,dx_px,dy_px\n1,1,1e308,0\n"), ":2: 1e308: "),
+        ("flag.csv", t("x_px,y_px,dx_px,dy_px,flag\n1,1,1,0,7\n"), ":2: flag = 7"),
+        ("openpiv.txt", t("# x\ty\tu\tv\tflags\tmask\n1\t1\tx\t0\t0\t0\n"), ":2: u = \"x\""),
+        ("openpiv7.txt", t("# x\ty\tu\tv\tflags\tmask\n1\t1\t1\t0\t7\t0\n"), ":2: flags = 7"),
+        ("same.csv", t("frame,track,x_px,y_px,x_px\n0,0,1,1,2\n"), "column x_px appears twice"),
+        ("pivlab.txt", t("PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n"), "give --dt"),
         ("binary.csv", vec![0xff; 4000], "fits no format"),
-        ("column.csv", b"frame,track,x_px\n0,0,1\n".to_vec(), "expected columns frame, track, x_px, y_px"),
+        ("column.csv", t("frame,track,x_px\n0,0,1\n"), "expected columns frame, track, x_px, y_px"),
     ]
-}
-
-/// Text in UTF-16, low bytes first, as Windows writes it.
-fn utf16(text: &str, mark: bool) -> Vec<u8> {
-    let mark = mark.then_some(0xfeff);
-    mark.into_iter().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect()
 }
 
 #[test]
