@@ -204,10 +204,7 @@ impl Recording {
         &self.camera
     }
 
-    /// The frames, one after the other.
-    ///
-    /// # Errors
-    /// Particles that do not fit into the box.
+    /// The frames, one after the other. Errors: particles that do not fit into the box.
     pub fn frames(&self) -> Result<Frames<'_>> {
         let truth = Arc::new(Truth::new(&self.scenario, self.camera.renderer())?);
         Ok(Frames { recording: self, truth, frames: runner::Frames::new(&self.scenario)?, before: None })
@@ -224,10 +221,8 @@ impl Recording {
         Ok(rows.map(|(number, row)| (row, stack.image(number))).collect())
     }
 
-    /// All images with their truth in memory, as scores need them ([`MemoryDataset`]).
-    ///
-    /// # Errors
-    /// A trajectory that cannot be integrated; more than fits into memory.
+    /// All images with their truth in memory, as scores need them ([`MemoryDataset`]). Errors: a trajectory
+    /// that cannot be integrated; more than fits into memory.
     pub fn dataset(self, progress: &Progress) -> Result<MemoryDataset> {
         MemoryDataset::take(self.scenario, progress)
     }

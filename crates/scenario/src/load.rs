@@ -25,11 +25,8 @@ use storage::problem::{Place, Problem, Source};
 /// The resolved scenario in a dataset's folder.
 pub const SCENARIO: &str = "scenario.ron";
 
-/// Reads a scenario from a text; `name` is its name in messages.
-///
-/// # Errors
-/// [`Error::Problems`] with line and column of every error: syntax, unknown keys, values of the wrong type or
-/// out of range.
+/// Reads a scenario from a text; `name` is its name in messages. Errors: [`Error::Problems`] with line and
+/// column of every error: syntax, unknown keys, values of the wrong type or out of range.
 pub fn parse(text: &str, name: &str) -> Result<Spec> {
     let (tree, mut problems) = (tree(&Arc::new(Source::file(name, text)))?, Problems::default());
     match typed(scenario(), &tree, &mut problems) {
@@ -68,9 +65,7 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
 }
 
 /// Reads and resolves the scenario in a file, or the shipped one of this name, after replacing values by
-/// `assignments` and its seed by `seed`. Its renderers keep their tables where `context` says.
-///
-/// # Errors
+/// `assignments` and its seed by `seed`. Its renderers keep their tables where `context` says. Errors:
 /// [`Error::Problems`] with all problems of text, assignments and values. Constraints between values are
 /// checked as far as the values can be read.
 pub fn load(
@@ -103,18 +98,13 @@ pub struct Parsed {
 }
 
 impl Parsed {
-    /// Parses a text with its name in messages and the folder that paths in it are relative to.
-    ///
-    /// # Errors
+    /// Parses a text with its name in messages and the folder that paths in it are relative to. Errors:
     /// [`Error::Problems`] with the first error of syntax.
     pub fn new(text: &str, (name, folder): (&str, &Path)) -> Result<Self> {
         Ok(Parsed { tree: tree(&Arc::new(Source::file(name, text)))?, folder: folder.to_owned() })
     }
 
     /// [`load`] of this text.
-    ///
-    /// # Errors
-    /// As for [`load`].
     pub fn resolve(
         &self,
         assignments: &[Assignment],
@@ -170,10 +160,8 @@ fn resolve_tree(
     Err(Error::Problems(problems.sorted()))
 }
 
-/// The resolved scenario of a dataset, and its text.
-///
-/// # Errors
-/// A missing file; [`Error::Problems`] for a scenario that this version cannot read.
+/// The resolved scenario of a dataset, and its text. Errors: a missing file; [`Error::Problems`] for a
+/// scenario that this version cannot read.
 pub fn of_dataset(dataset: &Path, context: &Context) -> Result<(Scenario, String)> {
     let path = dataset.join(SCENARIO);
     let text = read_text(&path)?;
@@ -182,10 +170,7 @@ pub fn of_dataset(dataset: &Path, context: &Context) -> Result<(Scenario, String
 }
 
 /// Checks and resolves a scenario that a program has put together: its values have the ranges of a scenario
-/// file.
-///
-/// # Errors
-/// [`Error::Problems`] with all values that are out of range or contradict each other.
+/// file. Errors: [`Error::Problems`] with all values that are out of range or contradict each other.
 pub fn build(spec: Spec, folder: &Path, context: &Context) -> Result<Scenario> {
     let (motion, still) = match spec.motion {
         Motion::Own(field) => (Some(Motion::Own(field)), UniformParams::default().into()),
@@ -200,10 +185,8 @@ pub fn build(spec: Spec, folder: &Path, context: &Context) -> Result<Scenario> {
     resolve(Spec { motion, ..read }, folder, context)
 }
 
-/// The scenario with the value at `path` replaced.
-///
-/// # Errors
-/// [`Error::Problems`] if the path does not exist or the value does not fit its key.
+/// The scenario with the value at `path` replaced. Errors: [`Error::Problems`] if the path does not exist or
+/// the value does not fit its key.
 pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     let whole = Arc::new(Source::assignment(path, value));
     let whole = Place { span: whole.value_at..whole.text.len(), source: whole };
@@ -240,10 +223,7 @@ impl Assignment {
 impl FromStr for Assignment {
     type Err = Error;
 
-    /// Reads `path=value`.
-    ///
-    /// # Errors
-    /// A text without path, equals sign or value.
+    /// Reads `path=value`. Errors: a text without path, equals sign or value.
     fn from_str(text: &str) -> Result<Self> {
         text.split_once('=')
             .map(|(path, value)| (path.trim(), value.trim()))

@@ -32,9 +32,6 @@ pub fn template() -> Result<String> {
 }
 
 /// `docs/scenario.md` and the pages below `docs/scenario/`.
-///
-/// # Errors
-/// A picture of a key that does not exist.
 pub fn document(pictures: &[Picture]) -> Result<Vec<Page>> {
     if let Some(stray) = pictures.iter().find(|picture| scenario().find(&picture.key).is_none()) {
         return Err(Error::input(format!("docs/scenario/pictures.ron: unknown key `{}`", stray.key)));

@@ -33,10 +33,8 @@ use super::volume;
 use storage::error::{Error, Result};
 
 /// Fills in defaults and checks a scenario; the paths of files in it are relative to `folder`, and its
-/// renderers work with `context`.
-///
-/// # Errors
-/// [`Error::Problems`] with all problems at once, each with the path of its key.
+/// renderers work with `context`. Errors: [`Error::Problems`] with all problems at once, each with the path
+/// of its key.
 pub fn resolve(mut spec: Spec, folder: &Path, context: &Context) -> Result<Scenario> {
     let mut found = Findings::new(folder, context);
     name(&spec.name, &mut found.problems);

@@ -232,10 +232,8 @@ impl Scenario {
         self.cloud.typical_c_int(d_um) * self.illumination.at(DVec3::Z * z_um)
     }
 
-    /// The renderer of the light without ray noise.
-    ///
-    /// # Errors
-    /// Ray images whose limit of infinitely many rays would take too long.
+    /// The renderer of the light without ray noise. Errors: ray images whose limit of infinitely many rays
+    /// would take too long.
     pub fn without_ray_noise(&self, tolerance: f64) -> Result<Renderer> {
         if !self.renderer.has_ray_noise() {
             return Ok(self.renderer.clone());
@@ -282,12 +280,9 @@ impl Scenario {
         }
     }
 
-    /// Replaces the value at a path for which [`Self::can_replace`] is true, and resolves its section again; the
-    /// value must be within its range. The result is the scenario that would be resolved with this value,
-    /// except for its warnings.
-    ///
-    /// # Errors
-    /// [`Error::Problems`] if the particles do not fit into the box.
+    /// Replaces the value at a path for which [`Self::can_replace`] is true, and resolves its section again;
+    /// the value must be within its range. The result is the scenario that would be resolved with this value,
+    /// except for its warnings. Errors: [`Error::Problems`] if the particles do not fit into the box.
     pub fn replace(&mut self, path: &str, value: f64) -> Result<()> {
         let (optics, particles) = (&mut self.spec.optics, &mut self.spec.particles);
         match path {

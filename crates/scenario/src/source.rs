@@ -11,10 +11,8 @@ use storage::{InputFile, TemporaryFolder};
 /// Maximum length of a scenario or sweep, bytes.
 const MAX_BYTES: u64 = 16_000_000;
 
-/// Reads the text of a scenario or sweep.
-///
-/// # Errors
-/// A path that is not a regular file; text that is not UTF-8 or longer than 16 MB.
+/// Reads the text of a scenario or sweep. Errors: a path that is not a regular file; text that is not UTF-8
+/// or longer than 16 MB.
 pub fn read_text(file: impl Into<InputFile>) -> Result<String> {
     let file = file.into();
     let refuse = |expected: &str| Error::input(format!("{}: expected {expected}", file.display()));
@@ -48,10 +46,8 @@ impl ScenarioText {
         self._unpacked.is_some()
     }
 
-    /// Reads a file or, if there is none, the shipped scenario or sweep of this name.
-    ///
-    /// # Errors
-    /// As for [`read_text`]; a name that is not shipped.
+    /// Reads a file or, if there is none, the shipped scenario or sweep of this name. Errors: as for
+    /// [`read_text`]; a name that is not shipped.
     pub fn open(file: impl Into<InputFile>) -> Result<Self> {
         let file = file.into();
         let name = file.display().to_string();

@@ -36,9 +36,6 @@ impl Split {
     }
 
     /// The split with this name.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for another name.
     pub fn parse(name: &str) -> Result<Self> {
         let found = Split::ALL.into_iter().find(|split| split.name() == name);
         found.ok_or_else(|| Error::option(advice!(option("split").is(name), ": expected train, val or test")))
@@ -46,9 +43,6 @@ impl Split {
 
     /// The scenario of this split with a public seed, with `count` pairs or frames (`None`: as many as the
     /// scenario has). `spec` is that of train.
-    ///
-    /// # Errors
-    /// A number of pairs or frames that the scenario does not allow.
     pub fn scenario(self, spec: &Spec, count: Option<u32>) -> Result<Spec> {
         let spec = sized(spec, count)?;
         if self == Split::Train {
@@ -68,9 +62,6 @@ impl Split {
 }
 
 /// The scenario with `count` pairs, frames or bursts.
-///
-/// # Errors
-/// A number that the scenario does not allow.
 pub fn sized(spec: &Spec, count: Option<u32>) -> Result<Spec> {
     let Some(count) = count else { return Ok(spec.clone()) };
     let path = match spec.timing {

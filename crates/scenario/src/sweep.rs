@@ -153,11 +153,8 @@ pub struct Case {
 }
 
 /// Reads a sweep and its base scenario. `name`: the sweep's name in messages; `folder`: the path of the base
-/// scenario is relative to it; `seed` replaces the one in the text.
-///
-/// # Errors
-/// As for a scenario; also axes without values, with unequal numbers of values in a zip, or with paths that
-/// do not exist.
+/// scenario is relative to it; `seed` replaces the one in the text. Errors: as for a scenario; also axes
+/// without values, with unequal numbers of values in a zip, or with paths that do not exist.
 pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> Result<Sweep> {
     let source = Arc::new(Source::file(name, text));
     let tree = text::parse(&source).map_err(|problem| Error::Problems(vec![problem]))?;
@@ -216,10 +213,7 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
 }
 
 impl Sweep {
-    /// The scenario of a case.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if a value does not fit its key.
+    /// The scenario of a case. Errors: [`Error::Input`] if a value does not fit its key.
     pub fn scenario(&self, case: &Case) -> Result<Spec> {
         let mut spec = self.base.clone();
         for (axis, value) in self.spec.axes.iter().zip(&case.values) {

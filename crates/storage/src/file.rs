@@ -68,10 +68,8 @@ enum Destination {
 }
 
 /// Checks that a result may be written to a path: it does not exist, it is a character device or pipe, or,
-/// with `force`, it is a regular file or a link to one.
-///
-/// # Errors
-/// [`Error::Exists`] without `force`; a folder, a dangling link or another kind of device.
+/// with `force`, it is a regular file or a link to one. Errors: [`Error::Exists`] without `force`; a folder,
+/// a dangling link or another kind of device.
 pub fn may_write(path: &Path, force: bool) -> Result<()> {
     destination(path, force).map(drop)
 }
@@ -111,10 +109,8 @@ fn is_stream(_: FileType) -> bool {
     false
 }
 
-/// Checks that a path lies outside finished datasets, whose `SHA256SUMS` lists every file.
-///
-/// # Errors
-/// A path in a folder with `SHA256SUMS` and a manifest, or below one.
+/// Checks that a path lies outside finished datasets, whose `SHA256SUMS` lists every file. Errors: a path in
+/// a folder with `SHA256SUMS` and a manifest, or below one.
 pub fn outside_datasets(path: &Path) -> Result<()> {
     let whole = std::path::absolute(path).map_err(|e| Error::read(path, e))?;
     // Resolves links above the file.
@@ -130,10 +126,8 @@ pub fn outside_datasets(path: &Path) -> Result<()> {
     }
 }
 
-/// Writes a result to a path given by the user. Removes temporary files left by killed runs.
-///
-/// # Errors
-/// As [`may_write`] and [`outside_datasets`]; an I/O error.
+/// Writes a result to a path given by the user. Removes temporary files left by killed runs. Errors: as
+/// [`may_write`] and [`outside_datasets`]; an I/O error.
 pub fn save_result(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
     outside_datasets(path)?;
     match destination(path, force)? {

@@ -68,9 +68,7 @@ pub struct FolderClaim {
 }
 
 impl FolderClaim {
-    /// Takes the lock of the folder `path`, and completes a replacement that a crash interrupted.
-    ///
-    /// # Errors
+    /// Takes the lock of the folder `path`, and completes a replacement that a crash interrupted. Errors:
     /// [`Error::Busy`] if another process is writing it; a link of that name.
     pub fn take(path: &Path) -> Result<Self> {
         if path.is_symlink() {
@@ -96,10 +94,8 @@ impl FolderClaim {
         self.lock.warning.as_deref()
     }
 
-    /// Journal of an interrupted run (empty if it has none); `None` if no run was interrupted.
-    ///
-    /// # Errors
-    /// A folder with files that are not in its journal.
+    /// Journal of an interrupted run (empty if it has none); `None` if no run was interrupted. Errors: a
+    /// folder with files that are not in its journal.
     pub fn left_over(&self) -> Result<Option<Listing>> {
         let partial = partial_name(&self.path);
         if !partial.exists() {
@@ -117,10 +113,8 @@ impl FolderClaim {
         Ok(partial)
     }
 
-    /// Starts the folder from scratch. With `remove_on_drop` it is removed if not finished.
-    ///
-    /// # Errors
-    /// Files not written by microsig in the folder of an interrupted run; an I/O error.
+    /// Starts the folder from scratch. With `remove_on_drop` it is removed if not finished. Errors: files not
+    /// written by microsig in the folder of an interrupted run; an I/O error.
     pub fn start(self, remove_on_drop: bool) -> Result<Partial> {
         let partial = partial_name(&self.path);
         if partial.exists() {
@@ -129,10 +123,8 @@ impl FolderClaim {
         self.begin(Listing::default(), remove_on_drop)
     }
 
-    /// Removes the folder of an interrupted run.
-    ///
-    /// # Errors
-    /// Files in it that microsig did not write; an I/O error.
+    /// Removes the folder of an interrupted run. Errors: files in it that microsig did not write; an I/O
+    /// error.
     pub fn discard(self) -> Result<()> {
         let partial = partial_name(&self.path);
         if partial.exists() { remove_own(&partial) } else { Ok(()) }
@@ -150,11 +142,9 @@ impl FolderClaim {
 }
 
 impl Partial {
-    /// Starts the folder `path` from scratch; if it is not finished, it is removed.
-    ///
-    /// # Errors
-    /// [`Error::Busy`] if another process is writing it; files not written by microsig in a folder to be
-    /// removed; an I/O error.
+    /// Starts the folder `path` from scratch; if it is not finished, it is removed. Errors: [`Error::Busy`]
+    /// if another process is writing it; files not written by microsig in a folder to be removed; an I/O
+    /// error.
     pub fn start(path: &Path) -> Result<Self> {
         FolderClaim::take(path)?.start(true)
     }
@@ -185,9 +175,7 @@ impl Partial {
     }
 
     /// Syncs the files to disk and renames the folder to its final name, replacing what `earlier` allows.
-    ///
-    /// # Errors
-    /// As [`check_replaceable`]; an I/O error.
+    /// Errors: as [`check_replaceable`]; an I/O error.
     pub fn finish(self, earlier: Earlier) -> Result<()> {
         let partial = self.output.path();
         // A file that is not in the journal could not be removed later. Files of the system are no reason to fail.
@@ -282,11 +270,9 @@ pub fn is_empty(path: &Path) -> bool {
 }
 
 /// Checks that a folder may be created: the path does not exist, or is an empty folder, or an earlier result
-/// that is to be replaced.
-///
-/// # Errors
-/// [`Error::Exists`], which states whether `--force` would replace the existing result: it does if microsig
-/// wrote it and it contains no other files; `.` and `..`, which cannot be replaced from within.
+/// that is to be replaced. Errors: [`Error::Exists`], which states whether `--force` would replace the
+/// existing result: it does if microsig wrote it and it contains no other files; `.` and `..`, which cannot
+/// be replaced from within.
 pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
     let refuse = |hint: Advice| Err(Error::Exists { path: path.to_owned(), hint });
     if path.file_name().is_none() {

@@ -10,10 +10,8 @@ use std::path::Path;
 use crate::error::{Error, Result};
 use crate::memory::{free_memory, size_text};
 
-/// Opens a regular file; links are followed.
-///
-/// # Errors
-/// A file that cannot be opened; a folder, pipe, device or socket.
+/// Opens a regular file; links are followed. Errors: a file that cannot be opened; a folder, pipe, device or
+/// socket.
 pub fn open(path: &Path) -> Result<File> {
     open_shown(path, path)
 }
@@ -37,10 +35,7 @@ fn without_waiting() -> OpenOptions {
     options
 }
 
-/// Opens a regular file that is not a symbolic link.
-///
-/// # Errors
-/// As [`open`], and a symbolic link.
+/// Opens a regular file that is not a symbolic link. Errors: as [`open`], and a symbolic link.
 pub fn open_unlinked(path: &Path) -> Result<File> {
     regular(path, &std::fs::symlink_metadata(path).map_err(|e| Error::read(path, e))?)?;
     open(path)
@@ -61,10 +56,7 @@ fn regular(path: &Path, of: &Metadata) -> Result<()> {
 /// File size from which free memory is checked before reading, bytes.
 const LARGE: u64 = 64 << 20;
 
-/// Reads a regular file.
-///
-/// # Errors
-/// As [`open`]; a file that cannot be read, or that is larger than free memory.
+/// Reads a regular file. Errors: as [`open`]; a file that cannot be read, or that is larger than free memory.
 pub fn read(path: &Path) -> Result<Vec<u8>> {
     let file = open(path)?;
     let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
@@ -85,17 +77,11 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
 const LARGEST_TEXT: u64 = 1 << 30;
 
 /// Reads a text file of at most 1 GiB.
-///
-/// # Errors
-/// As [`read_text_up_to`].
 pub fn read_text(path: &Path) -> Result<String> {
     read_text_up_to(path, LARGEST_TEXT)
 }
 
-/// Reads a text file of at most `most` bytes.
-///
-/// # Errors
-/// As [`open`]; a longer file; text that is not UTF-8.
+/// Reads a text file of at most `most` bytes. Errors: as [`open`]; a longer file; text that is not UTF-8.
 pub fn read_text_up_to(path: &Path, most: u64) -> Result<String> {
     let file = open(path)?;
     // Checked before a gigabyte is read in vain.

@@ -103,9 +103,6 @@ const EXIT_CODE: i32 = 130;
 
 /// Installs a handler that cleans up and exits on SIGINT, SIGTERM and SIGHUP (Ctrl-C on Windows); before it
 /// exits, it calls `report` with whether a run can be resumed.
-///
-/// # Errors
-/// A handler is already installed.
 pub fn clean_up_on_signals(report: impl Fn(bool) + Send + 'static) -> Result<()> {
     ctrlc::set_handler(move || {
         if let Some(end) = ENDING.lock().unwrap_or_else(PoisonError::into_inner).take() {

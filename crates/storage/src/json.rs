@@ -4,10 +4,8 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_path_to_error::Segment;
 
-/// Reads a value.
-///
-/// # Errors
-/// The problem: line and column of a text that is not JSON, or the path of a key with its value.
+/// Reads a value. Errors: the problem: line and column of a text that is not JSON, or the path of a key with
+/// its value.
 pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     // The tree is built for messages only: for a large manifest, it takes several times the memory of the
     // text.

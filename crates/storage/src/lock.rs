@@ -24,10 +24,8 @@ pub(crate) struct FolderLock {
 }
 
 impl FolderLock {
-    /// Locks a folder, which need not exist.
-    ///
-    /// # Errors
-    /// [`Error::Busy`] if another process holds the lock; an I/O error.
+    /// Locks a folder, which need not exist. Errors: [`Error::Busy`] if another process holds the lock; an
+    /// I/O error.
     pub(crate) fn take(folder: &Path) -> Result<Self> {
         let Some(name) = folder.file_name() else {
             return Err(Error::input(format!("{}: expected the name of a folder", folder.display())));

@@ -53,9 +53,6 @@ impl OutputFolder {
     }
 
     /// Writes a file atomically: to a temporary file, which is then renamed.
-    ///
-    /// # Errors
-    /// Those of `write`; an I/O error.
     pub fn save(
         &self,
         file: impl AsRef<Path>,

@@ -58,10 +58,8 @@ fn in_checksums(folder: &Path) -> Result<Option<BTreeSet<String>>> {
     Ok(Some(sums.into_keys().chain([SHA256SUMS.to_owned()]).collect()))
 }
 
-/// The files and the folders to remove, each folder after its contents.
-///
-/// # Errors
-/// Files that microsig did not write; the first of them are named.
+/// The files and the folders to remove, each folder after its contents. Errors: files that microsig did not
+/// write; the first of them are named.
 pub(super) fn plan(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
     let (mut files, mut folders, mut others) = (Vec::new(), Vec::new(), Vec::new());
     walk(folder, &mut Vec::new(), &mut files, &mut folders, &mut others)?;
@@ -130,10 +128,8 @@ fn files_to_remove(mut files: Vec<PathBuf>, folders: &[PathBuf]) -> Vec<PathBuf>
     files
 }
 
-/// Removes a folder that contains only files written by microsig.
-///
-/// # Errors
-/// Files that microsig did not write: they are named, and nothing is removed; an I/O error.
+/// Removes a folder that contains only files written by microsig. Errors: files that microsig did not write:
+/// they are named, and nothing is removed; an I/O error.
 pub fn remove_own(folder: &Path) -> Result<()> {
     let (files, folders) = plan(folder)?;
     let files = files_to_remove(files, &folders);

@@ -61,9 +61,6 @@ impl InputFile {
     }
 
     /// Path of a file with these contents, for readers of paths: of standard input, where it is kept.
-    ///
-    /// # Errors
-    /// As [`InputFile::open`].
     pub fn file(&self) -> Result<PathBuf> {
         let standard = match &self.contents {
             Contents::Here => return Ok(self.path.clone()),
@@ -84,9 +81,7 @@ impl InputFile {
     }
 
     /// Opens the file as [`input::open`] does; standard input from its beginning, however often it is opened.
-    ///
-    /// # Errors
-    /// As [`input::open`]; standard input that is too large or cannot be stored.
+    /// Errors: as [`input::open`]; standard input that is too large or cannot be stored.
     pub fn open(&self) -> Result<File> {
         input::open_shown(&self.file()?, &self.path)
     }
@@ -146,25 +141,16 @@ impl OutputFile {
     }
 
     /// Checks that a result may be written: to standard output always.
-    ///
-    /// # Errors
-    /// As [`file::may_write`].
     pub fn may_write(&self, force: bool) -> Result<()> {
         if self.is_standard { Ok(()) } else { file::may_write(&self.path, force) }
     }
 
     /// Checks that the file lies outside of finished datasets, as [`file::outside_datasets`].
-    ///
-    /// # Errors
-    /// A path in a dataset.
     pub fn outside_datasets(&self) -> Result<()> {
         if self.is_standard { Ok(()) } else { file::outside_datasets(&self.path) }
     }
 
     /// Writes a result, as [`file::save_result`].
-    ///
-    /// # Errors
-    /// As [`file::save_result`].
     pub fn save(&self, force: bool, bytes: impl AsRef<[u8]>) -> Result<()> {
         let bytes = bytes.as_ref();
         if self.is_standard { print(bytes) } else { file::save_result(&self.path, force, bytes) }

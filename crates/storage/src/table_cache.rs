@@ -38,10 +38,8 @@ pub struct TableFolder {
 
 impl TableFolder {
     /// The user's cache: `MICROSIG_CACHE`, or `microsig/tables` in the system's cache folder; `None` if
-    /// neither exists.
-    ///
-    /// # Errors
-    /// A limit that is not a number; a folder given by `MICROSIG_CACHE` that cannot be created.
+    /// neither exists. Errors: a limit that is not a number; a folder given by `MICROSIG_CACHE` that cannot
+    /// be created.
     pub fn of_user() -> Result<Option<Self>> {
         let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
         let caches = || {

@@ -9,10 +9,8 @@ pub fn files_below(folder: &Path) -> Result<Vec<String>> {
     FilesBelow::new(folder)?.collect()
 }
 
-/// Names of the entries of a folder that are wanted, in natural order: `img2.tif` before `img10.tif`.
-///
-/// # Errors
-/// A folder that cannot be read; a wanted name that is not UTF-8, which tables could not hold.
+/// Names of the entries of a folder that are wanted, in natural order: `img2.tif` before `img10.tif`. Errors:
+/// a folder that cannot be read; a wanted name that is not UTF-8, which tables could not hold.
 pub fn names(folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {

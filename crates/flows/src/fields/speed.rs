@@ -17,11 +17,8 @@ pub(super) struct Speed {
 }
 
 impl Speed {
-    /// The maximum, um/s, in a channel whose mean speed is `mean_share` of it.
-    ///
-    /// # Errors
-    /// More than one of the three; a value that is not finite; a flow rate in a channel of unknown
-    /// cross-section (`area_um2`).
+    /// The maximum, um/s, in a channel whose mean speed is `mean_share` of it. Errors: more than one of the
+    /// three; a value that is not finite; a flow rate in a channel of unknown cross-section (`area_um2`).
     pub(super) fn max(
         self,
         check: ParameterCheck,

@@ -18,10 +18,8 @@ const JAMMED_SPHERES: f64 = 0.3841;
 const JAMMED_DISKS: f64 = 0.5470;
 
 /// Checks that `number` particles can be placed in a region at random with their minimum distance. For
-/// different sizes it uses the mean diameter: the true limit of the number is lower.
-///
-/// # Errors
-/// More than the number at which random placement jams.
+/// different sizes it uses the mean diameter: the true limit of the number is lower. Errors: more than the
+/// number at which random placement jams.
 pub(super) fn check_room(
     (gap, dims): (f64, usize),
     diameters: &Diameters,

@@ -288,9 +288,6 @@ impl CalibrationStack {
 
 /// Writes the stacks into the dataset's folder, if the scenario has any. `go_on` is called before each image
 /// and can stop the work by an error.
-///
-/// # Errors
-/// Settings that cannot be rendered; writing; errors of `go_on`.
 pub fn write(
     folder: &OutputFolder,
     scenario: &Scenario,

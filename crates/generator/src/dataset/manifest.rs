@@ -23,10 +23,8 @@ use storage::dataset::manifest::{
 use storage::error::{Error, Result};
 use storage::folder::Partial;
 
-/// Writes manifest and checksums into a dataset's folder, which must be complete otherwise.
-///
-/// # Errors
-/// A file in the folder that this program did not write; writing.
+/// Writes manifest and checksums into a dataset's folder, which must be complete otherwise. Errors: a file in
+/// the folder that this program did not write; writing.
 pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
     let (folder, tables) = (partial.folder(), super::tables(scenario));
     let paths = |frame| {

@@ -32,10 +32,8 @@ pub fn write(folder: &OutputFolder, scenario: &Scenario) -> Result<()> {
     folder.save_bytes(LICENSE, license)
 }
 
-/// Copies the files listed in a dataset's checksums into a new folder, which is written atomically.
-///
-/// # Errors
-/// A folder that is not a dataset; an existing folder at `out`, unless `force`; reading; writing.
+/// Copies the files listed in a dataset's checksums into a new folder, which is written atomically. Errors: a
+/// folder that is not a dataset; an existing folder at `out`, unless `force`; reading; writing.
 pub fn copy(dataset: &Path, out: &Path, force: bool) -> Result<()> {
     let earlier = Earlier::new(MANIFEST, force);
     let sums = read_text(&dataset.join(SHA256SUMS))?;

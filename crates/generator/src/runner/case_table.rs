@@ -38,10 +38,8 @@ impl CaseReader {
         self.reader.header().get(self.axes.clone()).unwrap_or_default()
     }
 
-    /// The next case: name of its dataset, values of the axes as written; `None` at the end.
-    ///
-    /// # Errors
-    /// Reading; a row with another number of cells than the header.
+    /// The next case: name of its dataset, values of the axes as written; `None` at the end. Errors: reading;
+    /// a row with another number of cells than the header.
     pub fn next_case(&mut self) -> Result<Option<(String, Vec<String>)>> {
         let (dataset, axes) = (self.dataset, self.axes.clone());
         let Some((_, cells)) = self.reader.next_row()? else { return Ok(None) };

@@ -101,10 +101,8 @@ impl Cost {
         })
     }
 
-    /// Adds the duration of frames and images; calibration and tables of images come on top.
-    ///
-    /// # Errors
-    /// A trajectory that cannot be integrated; settings that cannot be rendered.
+    /// Adds the duration of frames and images; calibration and tables of images come on top. Errors: a
+    /// trajectory that cannot be integrated; settings that cannot be rendered.
     pub fn timed(self, scenario: &Scenario) -> Result<Self> {
         let camera = Camera::of_dataset(scenario, scenario.renderer.clone(), scenario.detector.as_ref())?;
         let truth = Truth::new(scenario, camera.renderer())?;
@@ -142,10 +140,8 @@ impl Cost {
         self.seconds.filter(|s| *s > LONG_S).map(|_| self.text())
     }
 
-    /// Checks that memory and disk space are sufficient.
-    ///
-    /// # Errors
-    /// [`Error::Input`] with required and free bytes and the key to change.
+    /// Checks that memory and disk space are sufficient. Errors: [`Error::Input`] with required and free
+    /// bytes and the key to change.
     pub fn check_resources(&self, scenario: &Scenario) -> Result<()> {
         let mut problems = Vec::new();
         if let Some(free) = self.memory_free_bytes.filter(|free| self.memory_bytes > *free) {

@@ -61,11 +61,8 @@ pub struct Generated {
     pub warnings: Vec<String>,
 }
 
-/// Generates a dataset.
-///
-/// # Errors
-/// An existing dataset or interrupted run; another process that is writing the dataset; a trajectory that
-/// cannot be integrated; an I/O error.
+/// Generates a dataset. Errors: an existing dataset or interrupted run; another process that is writing the
+/// dataset; a trajectory that cannot be integrated; an I/O error.
 pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Generated> {
     generate_or_find(scenario, options)?.ok_or_else(|| Error::exists(&options.out))
 }
@@ -165,10 +162,8 @@ fn difference(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>)
     }
 }
 
-/// Whether a folder contains a finished dataset of this scenario and its inputs.
-///
-/// # Errors
-/// A dataset of another scenario or of other inputs.
+/// Whether a folder contains a finished dataset of this scenario and its inputs. Errors: a dataset of another
+/// scenario or of other inputs.
 fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
     if !out.join(MANIFEST).is_file() {
         return Ok(false);

@@ -52,11 +52,8 @@ pub struct Calibration {
 }
 
 impl MemoryDataset {
-    /// Computes all frames of a scenario.
-    ///
-    /// # Errors
-    /// A dataset that does not fit into memory; a trajectory that cannot be integrated;
-    /// [`Error::Interrupted`].
+    /// Computes all frames of a scenario. Errors: a dataset that does not fit into memory; a trajectory that
+    /// cannot be integrated; [`Error::Interrupted`].
     pub fn take(scenario: Scenario, progress: &Progress) -> Result<Self> {
         // Images are kept in memory instead of written to disk.
         let cost = Cost::of(&scenario, Path::new("."))?;
@@ -237,10 +234,8 @@ impl MemoryDataset {
         Ok(self.calibration.get_or_init(|| stack).as_ref())
     }
 
-    /// The calibration stack, if the scenario has one.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered; [`Error::Interrupted`].
+    /// The calibration stack, if the scenario has one. Errors: settings that cannot be rendered;
+    /// [`Error::Interrupted`].
     pub fn calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
         let Some(stack) = self.calibration_stack()? else { return Ok(None) };
         let rows = (0..stack.images()).into_par_iter();
@@ -253,9 +248,7 @@ impl MemoryDataset {
     }
 
     /// Writes the dataset: the same files as [`super::generate()`]. Nothing is left behind if writing fails.
-    ///
-    /// # Errors
-    /// An existing dataset or interrupted run, unless `options.force`; `options.resume`; writing;
+    /// Errors: an existing dataset or interrupted run, unless `options.force`; `options.resume`; writing;
     /// [`Error::Interrupted`].
     pub fn save(&self, options: &GenerateOptions) -> Result<Generated> {
         if options.resume {

@@ -60,9 +60,6 @@ impl DatasetPlace {
     }
 
     /// The facts about its recording.
-    ///
-    /// # Errors
-    /// A dataset that is not finished; a manifest that cannot be read.
     pub fn facts(&self) -> Result<RecordingFacts> {
         match self {
             DatasetPlace::Folder(folder) => RecordingFacts::read(folder),
@@ -70,10 +67,8 @@ impl DatasetPlace {
         }
     }
 
-    /// A frame or an image of a calibration stack of this size (px), by its path.
-    ///
-    /// # Errors
-    /// An image that does not exist, cannot be read, or has another size.
+    /// A frame or an image of a calibration stack of this size (px), by its path. Errors: an image that does
+    /// not exist, cannot be read, or has another size.
     pub fn image(&self, path: &str, size: (u32, u32)) -> Result<Counts> {
         match self {
             DatasetPlace::Folder(folder) => {
@@ -107,11 +102,9 @@ impl DatasetPlace {
         }
     }
 
-    /// Calls `each` for the rows of the table of calibration stacks, with the numbers of their lines; a folder must have the columns
-    /// `needed`.
-    ///
-    /// # Errors
-    /// A table that cannot be read; those of `each`, with file and line.
+    /// Calls `each` for the rows of the table of calibration stacks, with the numbers of their lines; a
+    /// folder must have the columns `needed`. Errors: a table that cannot be read; those of `each`, with file
+    /// and line.
     pub fn calibration_rows(
         &self,
         needed: &[&str],
@@ -148,10 +141,8 @@ impl DatasetPlace {
         }
     }
 
-    /// The particle of a data file of the calibration stacks.
-    ///
-    /// # Errors
-    /// A file that does not exist, cannot be read, or has no particle.
+    /// The particle of a data file of the calibration stacks. Errors: a file that does not exist, cannot be
+    /// read, or has no particle.
     pub fn calibration_particle(&self, path: &str) -> Result<Particle> {
         match self {
             DatasetPlace::Folder(folder) => {

@@ -34,9 +34,6 @@ pub enum Progress {
 
 impl Progress {
     /// Checks whether the work may continue.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`] if it is to stop.
     pub fn check(&self) -> Result<()> {
         match self {
             Progress::Stoppable(stop, _) if stop.is_cancelled() => Err(Error::Interrupted),

@@ -72,10 +72,8 @@ pub struct Rendered {
 const MAX_WARNINGS: usize = 10;
 
 /// Renders the images of data files. All input is checked before the first image is rendered; images are
-/// written atomically.
-///
-/// # Errors
-/// Malformed settings or data files, all of them listed; existing images, unless `force`; an I/O error.
+/// written atomically. Errors: malformed settings or data files, all of them listed; existing images, unless
+/// `force`; an I/O error.
 pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let start = Instant::now();
     let file = options.settings.open()?;
@@ -160,10 +158,7 @@ fn announce(files: &[InputFile], particles: usize, camera: &Camera, progress: &P
     Ok(())
 }
 
-/// The names of the images of data files.
-///
-/// # Errors
-/// Two files whose names differ only in their extension.
+/// The names of the images of data files. Errors: two files whose names differ only in their extension.
 fn image_names(files: &[InputFile]) -> Result<Vec<PathBuf>> {
     let mut of_file: HashMap<PathBuf, &InputFile> = HashMap::new();
     files
@@ -211,10 +206,8 @@ fn data_files(data: &InputFile, settings: &Path) -> Result<Vec<InputFile>> {
     Ok(files)
 }
 
-/// Renders particles to an image in memory; returns the image and warnings.
-///
-/// # Errors
-/// Settings that cannot be rendered; particles that cannot be rendered, all of them listed.
+/// Renders particles to an image in memory; returns the image and warnings. Errors: settings that cannot be
+/// rendered; particles that cannot be rendered, all of them listed.
 pub fn render_particles(
     settings: &Settings,
     renderer: RendererSpec,

@@ -34,10 +34,8 @@ impl Shard {
             })
     }
 
-    /// The shard of a Slurm array task, from its environment variables.
-    ///
-    /// # Errors
-    /// [`Error::Input`] outside an array, if a variable is not a number, or if they are inconsistent.
+    /// The shard of a Slurm array task, from its environment variables. Errors: [`Error::Input`] outside an
+    /// array, if a variable is not a number, or if they are inconsistent.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self> {
         let Some(id) = variable("SLURM_ARRAY_TASK_ID") else {
             let what = ": SLURM_ARRAY_TASK_ID is not set, so this is not a task of an array; use ";

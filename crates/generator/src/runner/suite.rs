@@ -42,9 +42,6 @@ pub struct SuiteSelection {
 
 impl SuiteSelection {
     /// The chosen datasets of a size, in order.
-    ///
-    /// # Errors
-    /// A track or case that the suite does not have at this size.
     pub fn of(&self, suite: &Suite, size: Size) -> Result<Vec<(SuiteCase, Split)>> {
         if let Some(track) = &self.track {
             suite.track(track)?;
@@ -134,9 +131,6 @@ impl SuiteRecord {
     }
 
     /// Reads the record of a generated suite.
-    ///
-    /// # Errors
-    /// A folder that `suite generate` did not create.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(RECORD);
         if !path.is_file() {
@@ -148,9 +142,6 @@ impl SuiteRecord {
     }
 
     /// Refuses a folder of another suite, version or size.
-    ///
-    /// # Errors
-    /// [`Error::Input`] with both.
     pub fn matches(&self, suite: &Suite, folder: &Path) -> Result<()> {
         let expected = SuiteRecord::of(suite, self.size);
         if (&self.name, &self.version) == (&expected.name, &expected.version) {
@@ -167,10 +158,8 @@ impl SuiteRecord {
     }
 }
 
-/// Refuses a dataset whose rules are not those of its case; one of an earlier version may state none unless `stated`.
-///
-/// # Errors
-/// [`Error::Input`] with the dataset.
+/// Refuses a dataset whose rules are not those of its case; one of an earlier version may state none unless
+/// `stated`. Errors: [`Error::Input`] with the dataset.
 pub fn check_rules(case: &SuiteCase, dataset: &Path, stated: bool) -> Result<()> {
     match Manifest::read(dataset)?.microsig.scoring {
         None if !stated => Ok(()),
@@ -183,11 +172,8 @@ pub fn check_rules(case: &SuiteCase, dataset: &Path, stated: bool) -> Result<()>
 }
 
 /// Generates the chosen datasets of a suite. One that fails is recorded with the reason and does not stop the
-/// others.
-///
-/// # Errors
-/// A folder that contains another suite, version or size; an existing dataset, unless `resume` or `force`; an
-/// I/O error.
+/// others. Errors: a folder that contains another suite, version or size; an existing dataset, unless
+/// `resume` or `force`; an I/O error.
 pub fn generate_suite(
     suite: &Suite,
     size: Size,
@@ -273,9 +259,6 @@ pub type FrozenDataset = BTreeMap<String, String>;
 
 /// The hash of each part of a dataset: the SHA-256 of its lines of `SHA256SUMS`, which for images is `grep
 /// '  images/' SHA256SUMS | sha256sum`.
-///
-/// # Errors
-/// A dataset without readable checksums.
 pub fn digests(dataset: &Path) -> Result<FrozenDataset> {
     let sums = read_text(&dataset.join(SHA256SUMS))?;
     let of = |part: &str| {
@@ -302,10 +285,8 @@ impl Frozen {
         suite.folder.join(FROZEN).join(format!("{}.sha256", size.name()))
     }
 
-    /// Parses a list; `name` is its name in messages.
-    ///
-    /// # Errors
-    /// A line that is neither the version nor a hash with its part.
+    /// Parses a list; `name` is its name in messages. Errors: a line that is neither the version nor a hash
+    /// with its part.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
         let mut frozen = Frozen::default();
         for (i, line) in text.lines().enumerate() {

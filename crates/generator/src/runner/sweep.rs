@@ -47,9 +47,6 @@ pub struct SweepOptions {
 
 impl SweepOptions {
     /// The cases to run.
-    ///
-    /// # Errors
-    /// A case that the sweep does not have.
     pub fn cases<'a>(&self, sweep: &'a Sweep) -> Result<Vec<&'a Case>> {
         let mine = sweep.cases.iter().filter(|case| self.shard.has(case.index));
         let Some(name) = &self.case else { return Ok(mine.collect()) };
@@ -86,9 +83,7 @@ pub struct Swept {
 }
 
 /// Runs the cases of a shard. A case that fails is recorded with the reason and does not stop the sweep.
-///
-/// # Errors
-/// An existing case, unless `resume` or `force`; an I/O error.
+/// Errors: an existing case, unless `resume` or `force`; an I/O error.
 pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     let start = Instant::now();
     // Cases written into a dataset's folder would corrupt the dataset.
@@ -234,9 +229,7 @@ impl Outcome {
 }
 
 /// Counts finished and failed cases, and writes the table if none is outstanding. Returns both numbers.
-///
-/// # Errors
-/// A dataset without a readable manifest; an I/O error.
+/// Errors: a dataset without a readable manifest; an I/O error.
 pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     tabulate(sweep, out, false)
 }

@@ -31,10 +31,8 @@ pub struct Verified {
 }
 
 /// Checks a dataset: no file is missing or additional, and checksums, manifest and tables agree. With
-/// `regenerate`, it is generated again from its scenario and compared byte by byte.
-///
-/// # Errors
-/// [`Error::Input`] if this is not a dataset; [`Error::Failed`] with all failed checks; a file that cannot be read.
+/// `regenerate`, it is generated again from its scenario and compared byte by byte. Errors: [`Error::Input`]
+/// if this is not a dataset; [`Error::Failed`] with all failed checks; a file that cannot be read.
 pub fn verify(dataset: &Path, regenerate: bool, progress: Progress, context: &Context) -> Result<Verified> {
     if is_partial(dataset) {
         return Err(Error::Failed(vec![format!("{}: unfinished", dataset.display())]));
@@ -111,10 +109,8 @@ fn manifest_agrees(
     Ok(())
 }
 
-/// Adds what is wrong with a file to the failed checks.
-///
-/// # Errors
-/// A file that exists and cannot be read: it is neither right nor wrong.
+/// Adds what is wrong with a file to the failed checks. Errors: a file that exists and cannot be read: it is
+/// neither right nor wrong.
 fn checked<T>(result: Result<T>, failures: &mut Vec<String>) -> Result<Option<T>> {
     match result {
         Ok(value) => Ok(Some(value)),

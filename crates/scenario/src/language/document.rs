@@ -43,9 +43,6 @@ impl Picture {
     }
 
     /// Reads the list of pictures in `docs/scenario/pictures.ron`.
-    ///
-    /// # Errors
-    /// A list that cannot be parsed.
     pub fn list(text: &str) -> Result<Vec<Picture>, ron::error::SpannedError> {
         ron::from_str(text)
     }

@@ -11,9 +11,6 @@ use super::text::{Content, Field, Node, parse};
 use storage::problem::{Place, Problem, Source};
 
 /// The value of an assignment as a tree. Quotes around a string are optional.
-///
-/// # Errors
-/// A syntax error in the value.
 pub(crate) fn assigned(root: Schema<'_>, path: &str, value: &str) -> Result<Node, Problem> {
     let source = Arc::new(Source::assignment(path, value));
     let whole = Place { source: source.clone(), span: source.value_at..source.text.len() };
@@ -27,9 +24,6 @@ pub(crate) fn assigned(root: Schema<'_>, path: &str, value: &str) -> Result<Node
 }
 
 /// The tree with the value at `path` replaced.
-///
-/// # Errors
-/// A path that does not exist.
 pub(crate) fn graft(tree: Node, root: Schema<'_>, path: &str, value: Node) -> Result<Node, Problem> {
     let steps: Vec<&str> = path.split('.').collect();
     Graft { root, path, steps: &steps }.below(Some(tree), root, 0, value)

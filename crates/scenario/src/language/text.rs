@@ -47,9 +47,6 @@ pub(crate) struct Field {
 }
 
 /// Parses a text.
-///
-/// # Errors
-/// The first syntax error.
 pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
     let mut reader = Reader { source, at: source.value_at };
     reader.skip();

@@ -85,9 +85,6 @@ pub struct SuiteCase {
 
 impl SuiteCase {
     /// The scenario of a split.
-    ///
-    /// # Errors
-    /// A number of pairs or frames that the scenario does not allow.
     pub fn scenario(&self, split: Split) -> Result<Spec> {
         let at = Split::ALL.iter().position(|one| *one == split).unwrap_or(0);
         split.scenario(&self.spec, Some(self.counts[at]))
@@ -110,11 +107,9 @@ impl SuiteCase {
 }
 
 impl Suite {
-    /// Reads a suite: a file, a folder with a `suite.ron`, or the name of an embedded suite.
-    ///
-    /// # Errors
-    /// A file that cannot be read; all problems of the suite and of its scenarios and sweeps, each with file
-    /// and line.
+    /// Reads a suite: a file, a folder with a `suite.ron`, or the name of an embedded suite. Errors: a file
+    /// that cannot be read; all problems of the suite and of its scenarios and sweeps, each with file and
+    /// line.
     pub fn open(suite: impl Into<InputFile>) -> Result<Self> {
         let suite = suite.into();
         let file = if suite.is_dir() { suite.join(SUITE).into() } else { suite.clone() };
@@ -143,10 +138,7 @@ impl Suite {
         read::parse(text, name, folder)
     }
 
-    /// A track, by name.
-    ///
-    /// # Errors
-    /// [`Error::Input`] with the names of the tracks.
+    /// A track, by name. Errors: [`Error::Input`] with the names of the tracks.
     pub fn track(&self, name: &str) -> Result<&TrackSpec> {
         self.spec.tracks.iter().find(|track| track.name == name).ok_or_else(|| {
             let names: Vec<&str> = self.spec.tracks.iter().map(|track| track.name.as_str()).collect();
@@ -155,10 +147,7 @@ impl Suite {
         })
     }
 
-    /// All cases of a size, in order.
-    ///
-    /// # Errors
-    /// A change of the size that does not fit a scenario.
+    /// All cases of a size, in order. Errors: a change of the size that does not fit a scenario.
     pub fn cases(&self, size: Size) -> Result<Vec<SuiteCase>> {
         let mut cases = Vec::new();
         for (track, ladders) in self.spec.tracks.iter().zip(&self.rungs) {

@@ -160,9 +160,6 @@ impl Size {
     }
 
     /// The size with this name.
-    ///
-    /// # Errors
-    /// [`storage::Error::Input`] for another name.
     pub fn parse(name: &str) -> storage::Result<Self> {
         let found = Size::ALL.into_iter().find(|size| size.name() == name);
         found.ok_or_else(|| {

@@ -58,10 +58,8 @@ impl<R: Read> TableReader<R> {
         self.header.iter().position(|own| own == name)
     }
 
-    /// The cells of the next row and its line.
-    ///
-    /// # Errors
-    /// A file that cannot be read; a row of another length than the header.
+    /// The cells of the next row and its line. Errors: a file that cannot be read; a row of another length
+    /// than the header.
     pub fn next_row(&mut self) -> Result<Option<(u64, &csv::StringRecord)>> {
         let more = self.reader.read_record(&mut self.record);
         if !more.map_err(|e| unreadable(&self.name, e))? {
@@ -76,10 +74,8 @@ impl<R: Read> TableReader<R> {
     }
 
     /// Calls `each` with line and contents of every row, which must have the columns in `needed`. Returns
-    /// what was read from.
-    ///
-    /// # Errors
-    /// A missing column; all problems of rows, also those that `each` finds, shortened to a readable list.
+    /// what was read from. Errors: a missing column; all problems of rows, also those that `each` finds,
+    /// shortened to a readable list.
     pub fn rows<T: Row>(
         mut self,
         needed: &[&str],
@@ -104,10 +100,8 @@ impl<R: Read> TableReader<R> {
     }
 
     /// The columns of the table. `kind` maps the name of a column to its type: "integer", "number" or, for
-    /// strings, anything else (see [`crate::dataset::Column::kind`]).
-    ///
-    /// # Errors
-    /// The first row with a value of another type than its column.
+    /// strings, anything else (see [`crate::dataset::Column::kind`]). Errors: the first row with a value of
+    /// another type than its column.
     pub fn columns<'k>(mut self, kind: impl Fn(&str) -> &'k str) -> Result<Columns> {
         let empty = |name: &String| match kind(name) {
             "integer" => Values::Whole(Vec::new()),
@@ -168,10 +162,7 @@ pub struct Record<'r> {
 }
 
 impl Record<'_> {
-    /// The next cell, or the value of an absent one.
-    ///
-    /// # Errors
-    /// A cell of another type, by name and value.
+    /// The next cell, or the value of an absent one. Errors: a cell of another type, by name and value.
     pub fn take<C: Cell>(&mut self) -> std::result::Result<C, String> {
         let Some((Some(column), about)) = self.columns.next() else { return Ok(C::ABSENT) };
         let cell = self.cells.get(*column).unwrap_or_default();

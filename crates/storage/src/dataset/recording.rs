@@ -70,9 +70,6 @@ pub struct RecordingFacts {
 
 impl RecordingFacts {
     /// Reads the facts in a dataset's manifest.
-    ///
-    /// # Errors
-    /// A dataset that is not finished; a manifest that cannot be read.
     pub fn read(dataset: &Path) -> Result<Self> {
         if is_partial(dataset) {
             return Err(Error::input(format!(
@@ -151,9 +148,6 @@ impl RecordingFacts {
     }
 
     /// Refuses an operation that needs the truth of a test split.
-    ///
-    /// # Errors
-    /// If the truth is withheld.
     pub fn needs_truth(&self, dataset: &Path) -> Result<()> {
         if self.is_recording && !dataset.join(TrackRow::PATH).exists() {
             return Err(Error::input(format!(

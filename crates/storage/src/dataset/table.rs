@@ -45,10 +45,8 @@ pub trait Row: Clone + Sized {
     /// Writes all cells in the order of the columns.
     fn write(&self, cells: &mut Cells<'_>);
 
-    /// Reads all cells in the order of the columns.
-    ///
-    /// # Errors
-    /// A cell of another type than its column, by name and value.
+    /// Reads all cells in the order of the columns. Errors: a cell of another type than its column, by name
+    /// and value.
     fn read(record: &mut Record<'_>) -> Result<Self, String>;
 
     /// The values of each column.

@@ -38,9 +38,6 @@ type Field = Box<dyn VelocityField>;
 /// Parameters of a composition of one field.
 pub trait Transform {
     /// The transformed field.
-    ///
-    /// # Errors
-    /// A parameter that is out of range.
     fn apply(&self, field: Box<dyn VelocityField>) -> Result<Box<dyn VelocityField>>;
 }
 

@@ -38,9 +38,6 @@ pub fn tracks(scenario: &Scenario) -> Table {
 
 /// Writes the tables that do not belong to single frames: depth and field. `scan`: noise-free images of a
 /// sphere of the mean diameter.
-///
-/// # Errors
-/// Settings that cannot be rendered; writing.
 pub fn write(folder: &OutputFolder, scenario: &Scenario, scan: &DepthScan) -> Result<ParticleImage> {
     field::write(folder, scenario, scan)?;
     let (rows, image) = depth::measure(scenario, scan)?;

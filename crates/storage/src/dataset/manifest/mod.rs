@@ -477,10 +477,7 @@ impl ScoringGates {
 }
 
 impl Manifest {
-    /// Reads the manifest of a dataset.
-    ///
-    /// # Errors
-    /// A folder that is no dataset; a file that is not a manifest.
+    /// Reads the manifest of a dataset. Errors: a folder that is no dataset; a file that is not a manifest.
     pub fn read(dataset: &Path) -> Result<Self> {
         let path = dataset.join(MANIFEST);
         if std::fs::symlink_metadata(&path).is_err() {
@@ -489,10 +486,8 @@ impl Manifest {
         Manifest::parse(&read_text(&path)?, &path.display().to_string())
     }
 
-    /// Reads a manifest's text; `name` is the file's name in messages.
-    ///
-    /// # Errors
-    /// A text that is not a manifest, with the key or with line and column.
+    /// Reads a manifest's text; `name` is the file's name in messages. Errors: a text that is not a manifest,
+    /// with the key or with line and column.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
         crate::json::parse(text).map_err(|e| Error::input(format!("{name}: {e}")))
     }

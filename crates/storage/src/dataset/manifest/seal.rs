@@ -20,9 +20,6 @@ const GROUP: usize = 64;
 
 /// Writes both files; `head` is the manifest without its resources, `entry` returns a file's fingerprint and
 /// its resource.
-///
-/// # Errors
-/// Writing; errors of `entry`.
 pub fn seal(folder: &OutputFolder, head: &Manifest, entry: impl Entry) -> Result<()> {
     // Listed here, so that the temporary files of manifest and checksums are not included.
     let files = RefCell::new(FilesBelow::new(folder.path())?);
