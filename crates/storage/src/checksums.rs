@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
-use std::io::{Read, Write};
+use std::io::{BufWriter, Read, Write};
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -91,19 +91,10 @@ pub fn fingerprint(path: &Path) -> Result<Fingerprint> {
 
 /// Computes the fingerprint of `before` followed by a file.
 pub fn fingerprint_after(before: &[u8], path: &Path) -> Result<Fingerprint> {
-    let failed = |e| Error::read(path, e);
-    let mut file = input::open(path)?;
-    let (mut hasher, mut buffer, mut bytes) = (Sha256::new(), vec![0u8; 1 << 16], before.len() as u64);
-    hasher.update(before);
-    loop {
-        let n = file.read(&mut buffer).map_err(failed)?;
-        if n == 0 {
-            break;
-        }
-        hasher.update(&buffer[..n]);
-        bytes += n as u64;
-    }
-    Ok(Fingerprint { bytes, sha256: Hash(hasher.finalize().into()) })
+    let mut hashing = Hashing::new(before.chain(input::open(path)?));
+    let mut chunk = BufWriter::with_capacity(1 << 16, std::io::sink());
+    std::io::copy(&mut hashing, &mut chunk).map_err(|e| Error::read(path, e))?;
+    Ok(hashing.fingerprint())
 }
 
 /// One hash for all images: the SHA-256 of the lines of `SHA256SUMS` for files in `images/`, which in a shell

@@ -19,9 +19,8 @@ pub use super::removal::remove_own;
 use super::removal::{plan, remove_temporaries};
 pub use super::walk::FilesBelow;
 pub use super::walk::files_below;
-use crate::advice;
 use crate::advice::{Advice, flag};
-use crate::error::{Error, Result};
+use crate::{Error, Result, advice};
 
 /// A folder under construction.
 #[derive(Debug)]

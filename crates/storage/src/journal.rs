@@ -23,7 +23,6 @@ pub const JOURNAL: &str = ".microsig-journal";
 /// Prefix of temporary files; a later run uses it to recognize files left by an interrupted one.
 pub(super) const TEMPORARY: &str = ".unfinished-";
 
-/// An entry of the journal.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Entry {
@@ -75,7 +74,6 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Records the inputs of the folder.
     pub(crate) fn source(&self, hashes: &BTreeMap<String, String>) -> Result<()> {
         self.add(&Entry::Source(hashes.clone()))
     }
@@ -85,7 +83,6 @@ impl Journal {
         self.add(&Entry::File(file))
     }
 
-    /// Records a finished file.
     pub(crate) fn finished(&self, file: String, fingerprint: &Fingerprint) -> Result<()> {
         self.add(&Entry::Done { file, bytes: fingerprint.bytes, sha256: fingerprint.sha256.to_string() })
     }

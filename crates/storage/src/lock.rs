@@ -12,7 +12,6 @@ use std::path::{Path, PathBuf};
 use super::interrupt::Temporary;
 use crate::error::{Error, Result};
 
-/// A held lock.
 #[derive(Debug)]
 pub(crate) struct FolderLock {
     path: PathBuf,

@@ -12,7 +12,6 @@ use super::journal::{self, JOURNAL, Journal, TEMPORARY};
 use super::walk::files_below;
 use crate::error::{Error, Result};
 
-/// Name of a dataset's manifest.
 pub(super) const MANIFEST: &str = "datapackage.json";
 
 /// Files that microsig wrote into a folder, from its journal and from the checksums of a dataset: a dataset

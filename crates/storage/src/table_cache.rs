@@ -12,8 +12,8 @@ use std::time::SystemTime;
 use microsig_core::render::TableStore;
 use sha2::{Digest, Sha256};
 
-use crate::error::{Error, Result};
-use crate::input;
+use crate::checksums::Fingerprint;
+use crate::{Error, Result, input};
 
 /// First bytes of each file.
 const MARK: &[u8] = b"microsig table 1\n";
@@ -70,10 +70,8 @@ impl TableFolder {
     }
 
     fn path(&self, description: &str) -> PathBuf {
-        let hash =
-            Sha256::new().chain_update(&self.program).chain_update([0]).chain_update(description).finalize();
-        let name: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
-        self.folder.join(name).with_extension(ENDING)
+        let name = Fingerprint::of(format!("{}\0{description}", self.program).as_bytes()).sha256;
+        self.folder.join(name.to_string()).with_extension(ENDING)
     }
 
     fn write(&self, path: &Path, description: &str, bytes: &[u8]) -> std::io::Result<()> {

@@ -4,8 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use crate::InputFile;
-use crate::error::{Error, Result};
+use crate::{Error, InputFile, Result};
 
 use crate::dataset::columns::{Columns, MISSING, Values};
 use crate::dataset::table::{Cell, Row};

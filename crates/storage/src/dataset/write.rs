@@ -4,9 +4,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use crate::OutputFolder;
 use crate::checksums::{Fingerprint, Hashing};
-use crate::error::{Error, Result};
+use crate::{Error, OutputFolder, Result};
 
 use crate::dataset::table::{Row, Table};
 

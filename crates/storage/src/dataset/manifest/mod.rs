@@ -4,7 +4,6 @@
 //! The types are used for reading and writing. A missing key is read as `None` or as its type's default, so
 //! that manifests of earlier versions and of test splits, which have fewer keys, can be read.
 
-mod instead;
 mod recorded;
 mod resource;
 mod rules;
@@ -15,8 +14,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
-use crate::error::{Error, Result};
-use crate::read_text;
+use crate::{Error, Result, read_text};
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::optics::FieldOptics;
 use microsig_core::render::WaveOptics;
@@ -481,7 +479,7 @@ impl Manifest {
     pub fn read(dataset: &Path) -> Result<Self> {
         let path = dataset.join(MANIFEST);
         if std::fs::symlink_metadata(&path).is_err() {
-            return Err(Error::input(instead::no_dataset(dataset)));
+            return Err(Error::input(no_dataset(dataset)));
         }
         Manifest::parse(&read_text(&path)?, &path.display().to_string())
     }
@@ -503,4 +501,38 @@ fn present<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
     value: D,
 ) -> std::result::Result<Option<Option<T>>, D::Error> {
     Option::deserialize(value).map(Some)
+}
+
+/// A message on a path without a manifest: what it is, and which dataset may be meant, in it or around it.
+fn no_dataset(path: &Path) -> String {
+    let name = path.display();
+    match std::fs::metadata(path) {
+        Err(e) => return format!("{name}: {e}"),
+        Ok(about) if !about.is_dir() => {
+            return format!("{name}: a file; expected the folder of a dataset, which has {MANIFEST}");
+        }
+        Ok(_) => {}
+    }
+    let is_one = |path: &Path| path.join(MANIFEST).is_file();
+    let mut inside: Vec<String> = std::fs::read_dir(path)
+        .into_iter()
+        .flat_map(|entries| entries.flatten())
+        .filter(|entry| is_one(&entry.path()))
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    inside.sort();
+    let around = path.canonicalize().ok().and_then(|whole| whole.parent().map(Path::to_owned));
+    let hint = match (inside.as_slice(), around.filter(|around| is_one(around))) {
+        ([], None) => String::new(),
+        ([], Some(around)) => format!("; {} is one", around.display()),
+        ([only], _) => format!("; {} is one", path.join(only).display()),
+        ([first, ..], _) => {
+            format!(
+                "; it holds {} datasets, of which to give one: {}",
+                inside.len(),
+                path.join(first).display()
+            )
+        }
+    };
+    format!("{name}: no dataset: it has no {MANIFEST}{hint}")
 }
