@@ -50,7 +50,10 @@ impl Body {
     /// `radius` (um) about `center` (um) on the floor. It keeps seeds inside the drop but moves no particles: the free
     /// surface may move, and is handled by the field ([`crate::VelocityField::confine`]).
     pub fn outside_drop(center: DVec3, radius: f64, height: f64) -> Result<Self> {
-        let cap = ParabolicCap::new(CHECK, center, radius, height)?;
+        CHECK.finite_vector("center_um", center)?;
+        CHECK.positive("radius_um", radius)?;
+        CHECK.positive("height_um", height)?;
+        let cap = ParabolicCap { center, radius, height };
         Ok(Body { shape: Shape::OutsideCap(cap), drain: false })
     }
 

@@ -1,9 +1,7 @@
 //! The interface between a field and the registry: its entry, and the parameters from which it is built.
 
-use crate::error::Result;
-use crate::field::VelocityField;
 use crate::params::Parameter;
-use crate::region::Axis;
+use crate::{Axis, Result, VelocityField};
 
 /// An entry of the registry.
 #[derive(Debug, Clone, Copy)]

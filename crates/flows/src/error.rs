@@ -1,7 +1,8 @@
 //! The errors of this crate, and checks of parameters.
 
 use glam::DVec3;
-use microsig_core::shown;
+use microsig_core::{Interval, shown};
+use std::ops::Bound;
 
 /// An error of a flow, its seeding or its trajectories.
 ///
@@ -72,31 +73,28 @@ impl ParameterCheck {
         Error::Parameter { owner: self.0, parameter, value: shown(value), allowed: allowed.to_owned() }
     }
 
-    /// Passes a finite number.
+    pub(crate) fn number(&self, parameter: &'static str, value: f64, range: Interval) -> Result<f64> {
+        if range.contains(value) {
+            return Ok(value);
+        }
+        let allowed = match (range.low, range.high) {
+            (Bound::Unbounded, Bound::Unbounded) => "a finite number".to_owned(),
+            (_, Bound::Unbounded) => format!("a finite number {range}"),
+            _ => format!("a number from {range}"),
+        };
+        Err(self.fault(parameter, value, &allowed))
+    }
+
     pub(crate) fn finite(&self, parameter: &'static str, value: f64) -> Result<f64> {
-        if value.is_finite() { Ok(value) } else { Err(self.fault(parameter, value, "a finite number")) }
+        self.number(parameter, value, Interval::FINITE)
     }
 
-    /// Passes a finite number > 0.
     pub(crate) fn positive(&self, parameter: &'static str, value: f64) -> Result<f64> {
-        let fits = value.is_finite() && value > 0.0;
-        if fits { Ok(value) } else { Err(self.fault(parameter, value, "a finite number > 0")) }
+        self.number(parameter, value, Interval::above(0.0))
     }
 
-    /// Passes a finite number >= 0.
     pub(crate) fn not_negative(&self, parameter: &'static str, value: f64) -> Result<f64> {
-        let fits = value.is_finite() && value >= 0.0;
-        if fits { Ok(value) } else { Err(self.fault(parameter, value, "a finite number >= 0")) }
-    }
-
-    /// Passes an array of finite numbers.
-    pub(crate) fn all_finite<const N: usize>(
-        &self,
-        parameter: &'static str,
-        values: [f64; N],
-    ) -> Result<[f64; N]> {
-        let fits = values.iter().all(|value| value.is_finite());
-        if fits { Ok(values) } else { Err(self.fault(parameter, format!("{values:?}"), "finite numbers")) }
+        self.number(parameter, value, Interval::at_least(0.0))
     }
 
     /// Passes two finite numbers in increasing order.
@@ -109,7 +107,12 @@ impl ParameterCheck {
         }
     }
 
-    /// Passes a vector of finite numbers.
+    /// The unit vector along a vector of finite numbers other than zero.
+    pub(crate) fn direction(&self, parameter: &'static str, value: DVec3) -> Result<DVec3> {
+        let unit = self.finite_vector(parameter, value)?.try_normalize();
+        unit.ok_or_else(|| self.fault(parameter, value, "a vector other than zero"))
+    }
+
     pub(crate) fn finite_vector(&self, parameter: &'static str, value: DVec3) -> Result<DVec3> {
         if value.is_finite() { Ok(value) } else { Err(self.fault(parameter, value, "three finite numbers")) }
     }

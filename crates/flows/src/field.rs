@@ -40,7 +40,9 @@ pub trait VelocityField: Send + Sync + Debug {
     }
 
     /// Whether div u = 0 everywhere, so that a uniform cloud of tracers stays uniform.
-    fn is_divergence_free(&self) -> bool;
+    fn is_divergence_free(&self) -> bool {
+        false
+    }
 
     /// Whether the velocity is independent of time. `false` is always safe.
     fn is_steady(&self) -> bool {
@@ -120,9 +122,6 @@ mod tests {
     impl VelocityField for Quartic {
         fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
             DVec3::new(x.x * x.y * x.y * x.y, x.z, 0.0)
-        }
-        fn is_divergence_free(&self) -> bool {
-            false
         }
         fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
             f64::INFINITY

@@ -1,5 +1,6 @@
 //! Parameters of fields: structs declared together with their defaults, ranges and descriptions.
 
+use crate::error::{ParameterCheck, Result};
 use microsig_core::Interval;
 
 /// Description of a parameter, as shown to users.
@@ -71,6 +72,51 @@ pub(crate) const fn first_of(texts: &[&'static str], otherwise: &'static str) ->
     }
 }
 
+/// The numbers of a parameter.
+pub(crate) trait Numbers {
+    fn numbers(&self) -> Vec<f64>;
+
+    /// Checks that they are in `range`.
+    fn check(&self, check: ParameterCheck, name: &'static str, range: Option<Interval>) -> Result<()> {
+        let (numbers, range) = (self.numbers(), range.unwrap_or(Interval::FINITE));
+        let Some(wrong) = numbers.iter().find(|number| !range.contains(**number)) else { return Ok(()) };
+        if range == Interval::FINITE && numbers.len() > 1 {
+            return Err(check.fault(name, format!("{numbers:?}"), "finite numbers"));
+        }
+        check.number(name, *wrong, range).map(drop)
+    }
+}
+
+impl Numbers for f64 {
+    fn numbers(&self) -> Vec<f64> {
+        vec![*self]
+    }
+}
+
+impl Numbers for u32 {
+    fn numbers(&self) -> Vec<f64> {
+        vec![f64::from(*self)]
+    }
+}
+
+impl Numbers for u64 {
+    fn numbers(&self) -> Vec<f64> {
+        vec![*self as f64]
+    }
+}
+
+impl<T: Numbers> Numbers for Option<T> {
+    fn numbers(&self) -> Vec<f64> {
+        self.iter().flat_map(T::numbers).collect()
+    }
+}
+
+impl<T: Numbers, const N: usize> Numbers for [T; N] {
+    fn numbers(&self) -> Vec<f64> {
+        self.iter().flat_map(T::numbers).collect()
+    }
+}
+
 /// Adds range and condition to the schema of a parameter.
 #[cfg(feature = "schema")]
 pub(crate) fn restricted(
@@ -107,14 +153,23 @@ macro_rules! range_of {
 }
 pub(crate) use range_of;
 
-/// Declares the parameters of a field: a struct of public fields, its `Default`, and the table `PARAMETERS`
-/// of the same names, defaults, ranges ([`range_of`], with a condition after a comma) and meanings.
+/// Checks a parameter against its range ([`range_of`]).
+macro_rules! check_range {
+    ($check:expr, $name:expr, $value:expr, one of) => {};
+    ($check:expr, $name:expr, $value:expr, $($range:tt)+) => {
+        crate::params::Numbers::check(&$value, $check, $name, crate::params::range_of!($($range)+))?;
+    };
+}
+pub(crate) use check_range;
+
+/// Declares the parameters of a field and the name that it has in messages: a struct of public fields, its
+/// `Default`, the check of its ranges, and the table `PARAMETERS` of the same names, defaults, ranges ([`range_of`], with a condition after a comma) and meanings.
 /// `#[alias = "..."]` names the key used by older scenarios, which is still accepted; `#[otherwise = "..."]`
 /// says what an optional parameter is unless it is given; it is left out of written scenarios then.
 macro_rules! params {
     (
         $(#[$attribute:meta])*
-        $name:ident {
+        $name:ident($owner:literal) {
             $(
                 #[doc = $meaning:literal]
                 $(#[alias = $alias:literal])?
@@ -167,6 +222,14 @@ macro_rules! params {
                     $meaning,
                 )),*
             ];
+
+            pub(crate) const CHECK: crate::error::ParameterCheck = crate::error::ParameterCheck($owner);
+
+            /// These parameters, if all are within their ranges.
+            pub(crate) fn checked(&self) -> crate::error::Result<Self> {
+                $(crate::params::check_range!(Self::CHECK, stringify!($field), self.$field, $($range)+);)*
+                Ok(self.clone())
+            }
         }
     };
 }

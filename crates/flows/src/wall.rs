@@ -5,7 +5,6 @@
 //! steps and the confinement of particles of finite size are derived from it. Bodies in the flow
 //! ([`crate::Body`]) are walls too.
 
-use crate::error::{ParameterCheck, Result};
 use crate::region::Axis;
 use glam::{DVec2, DVec3};
 
@@ -107,14 +106,6 @@ pub(crate) struct ParabolicCap {
 }
 
 impl ParabolicCap {
-    pub(crate) fn new(check: ParameterCheck, center: DVec3, radius: f64, height: f64) -> Result<Self> {
-        Ok(ParabolicCap {
-            center: check.finite_vector("center_um", center)?,
-            radius: check.positive("radius_um", radius)?,
-            height: check.positive("height_um", height)?,
-        })
-    }
-
     /// The nearer of the floor and the free surface, whose height at the center is `height` (um). The
     /// distance from the surface is correct to first order, by its tangent plane.
     pub(crate) fn wall(&self, x: DVec3, height: f64) -> Wall {
@@ -161,7 +152,7 @@ mod tests {
 
     #[test]
     fn a_cap_has_a_floor_and_a_surface() {
-        let cap = ParabolicCap::new(ParameterCheck("drop"), DVec3::Z * -80.0, 200.0, 60.0).unwrap();
+        let cap = ParabolicCap { center: DVec3::Z * -80.0, radius: 200.0, height: 60.0 };
         assert_eq!(cap.wall(DVec3::Z * -75.0, 60.0), Wall { clearance_um: 5.0, normal: DVec3::Z });
         assert_eq!(cap.wall(DVec3::Z * -23.0, 60.0).clearance_um, 3.0);
         // Outside the contact radius there is no fluid at any height.

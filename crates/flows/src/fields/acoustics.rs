@@ -21,15 +21,12 @@ use super::prelude::*;
 use super::sinusoid::sine_displacement;
 use std::sync::Arc;
 
-const STREAMING: ParameterCheck = ParameterCheck("rayleigh_streaming");
-const PHORESIS: ParameterCheck = ParameterCheck("acoustophoresis");
-
 /// Largest K h; above it the squares of the hyperbolic functions overflow.
 const MAX_KH: f64 = 300.0;
 
 params! {
     /// Parameters of [`RayleighStreaming`].
-    RayleighStreamingParams {
+    RayleighStreamingParams("rayleigh_streaming") {
         /// Maximum slip velocity u0 at the plates, um/s.
         slip_speed_um_s: f64 = 50.0, [finite];
         /// Distance between the side walls, um.
@@ -46,7 +43,7 @@ params! {
 }
 
 entry! {
-    RayleighStreamingParams => RayleighStreaming::new, "rayleigh_streaming", YZ;
+    RayleighStreamingParams => RayleighStreaming::new, YZ;
     "u_y = F' S, u_z = -F S', F = b (z cosh Kz - h coth(Kh) sinh Kz), S = -sin(K (y + W/2))";
     "Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006";
     [("three half waves", || Self { half_waves: 3, ..Default::default() }.build())];
@@ -55,7 +52,7 @@ entry! {
 
 params! {
     /// Parameters of [`Acoustophoresis`].
-    AcoustophoresisParams {
+    AcoustophoresisParams("acoustophoresis") {
         /// Acoustic energy density, J/m^3.
         energy_density_j_m3: f64 = 10.0, [>= 0];
         /// Acoustic contrast factor; 0.165 for polystyrene in water.
@@ -75,19 +72,14 @@ params! {
 }
 
 entry! {
-    AcoustophoresisParams => Acoustophoresis::new, "acoustophoresis", YZ;
+    AcoustophoresisParams => Acoustophoresis::new, YZ;
     "u_y = v sin(2 k (y + W/2)), v = (2 Phi/3) k (d/2)^2 E / mu";
     "Barnkob et al., Lab Chip 10 (2010) 563";
 }
 
 /// K = 2 n pi / W (1/um) and y (um) of the side wall with the smaller coordinate.
-fn wave(check: ParameterCheck, half_waves: u32, width: f64, center: f64) -> Result<(f64, f64)> {
-    check.positive("width_um", width)?;
-    check.finite("center_y_um", center)?;
-    if half_waves == 0 {
-        return Err(check.fault("half_waves", half_waves, "1 or more"));
-    }
-    Ok((2.0 * PI * f64::from(half_waves) / width, center - 0.5 * width))
+fn wave(half_waves: u32, width: f64, center: f64) -> (f64, f64) {
+    (2.0 * PI * f64::from(half_waves) / width, center - 0.5 * width)
 }
 
 /// Acoustic streaming in a rectangular channel along x.
@@ -106,21 +98,18 @@ pub struct RayleighStreaming {
 impl RayleighStreaming {
     /// The flow of these parameters.
     pub fn new(params: &RayleighStreamingParams) -> Result<Self> {
-        let plates = Plates::new(STREAMING, params.walls_z_um)?;
-        let (wavenumber, side) = wave(STREAMING, params.half_waves, params.width_um, params.center_y_um)?;
-        let slip = STREAMING.finite("slip_speed_um_s", params.slip_speed_um_s)?;
+        let (params, check) = (params.checked()?, RayleighStreamingParams::CHECK);
+        let plates = Plates::new(check, params.walls_z_um)?;
+        let (wavenumber, side) = wave(params.half_waves, params.width_um, params.center_y_um);
         let h = 0.5 * plates.depth;
         let kh = wavenumber * h;
         if kh > MAX_KH {
-            return Err(STREAMING.fault(
-                "half_waves",
-                params.half_waves,
-                "2 pi half_waves depth / width at most 600",
-            ));
+            let allowed = "2 pi half_waves depth / width at most 600";
+            return Err(check.fault("half_waves", params.half_waves, allowed));
         }
         let (sinh, cosh) = (libm::sinh(kh), libm::cosh(kh));
-        let scale = slip * sinh / (sinh * cosh - kh);
-        STREAMING.finite("width_um over depth", scale)?;
+        let scale = params.slip_speed_um_s * sinh / (sinh * cosh - kh);
+        check.finite("width_um over depth", scale)?;
         let mut field = RayleighStreaming {
             plates,
             side,
@@ -164,7 +153,7 @@ impl Formula for RayleighStreaming {
 
 impl VelocityField for RayleighStreaming {
     by_formula!();
-    facts!(divergence_free, steady);
+    facts!(divergence_free, steady, walls_same_along(true, false, false));
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let z = x.z.clamp(self.plates.floor, self.plates.floor + self.plates.depth) - self.plates.middle();
@@ -173,10 +162,6 @@ impl VelocityField for RayleighStreaming {
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         Some(self.plates.wall(x).or(Wall::between(Axis::Y, self.side, self.far_side, x)))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [true, false, false]
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
@@ -199,20 +184,18 @@ pub struct Acoustophoresis {
 impl Acoustophoresis {
     /// The velocity field of these parameters.
     pub fn new(params: &AcoustophoresisParams) -> Result<Self> {
-        let (wavenumber, side) = wave(PHORESIS, params.half_waves, params.width_um, params.center_y_um)?;
-        let energy = PHORESIS.not_negative("energy_density_j_m3", params.energy_density_j_m3)?;
-        let viscosity = PHORESIS.positive("viscosity_pa_s", params.viscosity_pa_s)?;
-        let d_um = PHORESIS.positive("diameter_um", params.diameter_um)?;
-        let radius = 0.5 * d_um;
-        let contrast = PHORESIS.finite("contrast_factor", params.contrast_factor)?;
+        let params = params.checked()?;
+        let (energy, viscosity) = (params.energy_density_j_m3, params.viscosity_pa_s);
+        let (contrast, radius) = (params.contrast_factor, 0.5 * params.diameter_um);
+        let (wavenumber, side) = wave(params.half_waves, params.width_um, params.center_y_um);
         // J/m^3 over Pa s is 1/s.
         let speed = 2.0 / 3.0 * contrast * (0.5 * wavenumber) * radius * radius * energy / viscosity;
         Ok(Acoustophoresis {
             side,
             far_side: side + params.width_um,
             wavenumber,
-            d_um,
-            speed: PHORESIS.finite("energy_density_j_m3 over viscosity_pa_s", speed)?,
+            d_um: params.diameter_um,
+            speed: AcoustophoresisParams::CHECK.finite("energy_density_j_m3 over viscosity_pa_s", speed)?,
         })
     }
 
@@ -231,7 +214,7 @@ impl Formula for Acoustophoresis {
 
 impl VelocityField for Acoustophoresis {
     by_formula!();
-    facts!(steady);
+    facts!(steady, walls_same_along(true, false, true));
 
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
         let way =
@@ -243,16 +226,8 @@ impl VelocityField for Acoustophoresis {
         Some(x.x)
     }
 
-    fn is_divergence_free(&self) -> bool {
-        false
-    }
-
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         Some(Wall::between(Axis::Y, self.side, self.far_side, x))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [true, false, true]
     }
 
     fn for_diameter(&self, d_um: f64) -> Option<Arc<dyn VelocityField>> {
@@ -302,8 +277,5 @@ mod tests {
             Acoustophoresis::new(&AcoustophoresisParams { half_waves: 2, ..Default::default() }).unwrap();
         let end = two.flow_map(DVec3::new(0.0, 10.0, 0.0), 0.0, 100.0).unwrap();
         assert!((end.y - 59.0).abs() < 1e-10, "{end}");
-        assert!(
-            Acoustophoresis::new(&AcoustophoresisParams { half_waves: 0, ..Default::default() }).is_err()
-        );
     }
 }

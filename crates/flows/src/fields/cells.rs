@@ -11,12 +11,9 @@
 
 use super::prelude::*;
 
-const TAYLOR_GREEN: ParameterCheck = ParameterCheck("taylor_green");
-const CELLULAR: ParameterCheck = ParameterCheck("cellular");
-
 params! {
     /// Parameters of [`TaylorGreen`].
-    TaylorGreenParams {
+    TaylorGreenParams("taylor_green") {
         /// Maximum speed at t = 0, um/s.
         max_speed_um_s: f64 = 1290.0, [finite];
         /// Wavelength along x and y (two vortices), um.
@@ -30,7 +27,7 @@ params! {
 }
 
 entry! {
-    TaylorGreenParams => TaylorGreen::new, "taylor_green", XY;
+    TaylorGreenParams => TaylorGreen::new, XY;
     "u = U sin kx cos ky e^(-2 nu k^2 t), v = -U cos kx sin ky e^(-2 nu k^2 t)";
     "Taylor & Green, Proc. R. Soc. A 158 (1937) 499";
     [("steady", || Self { viscosity_um2_s: 0.0, ..Default::default() }.build())];
@@ -38,7 +35,7 @@ entry! {
 
 params! {
     /// Parameters of [`Cellular`].
-    CellularParams {
+    CellularParams("cellular") {
         /// Maximum speed along x, um/s.
         max_speed_um_s: f64 = 1290.0, [finite];
         /// Wavelengths along x and y (two cells), um.
@@ -54,7 +51,7 @@ params! {
 }
 
 entry! {
-    CellularParams => Cellular::new, "cellular", XY;
+    CellularParams => Cellular::new, XY;
     "psi = (U/ky) sin kx X sin ky y, X = x + b sin wt";
     "Solomon & Gollub, Phys. Rev. A 38 (1988) 6280";
     [("swaying", || Self { sway_um: 15.0, ..Default::default() }.build())];
@@ -72,13 +69,13 @@ pub struct TaylorGreen {
 impl TaylorGreen {
     /// The vortices of these parameters.
     pub fn new(params: &TaylorGreenParams) -> Result<Self> {
-        let wavenumber = 2.0 * PI / TAYLOR_GREEN.positive("wavelength_um", params.wavelength_um)?;
-        let viscosity = TAYLOR_GREEN.not_negative("viscosity_um2_s", params.viscosity_um2_s)?;
+        let params = params.checked()?;
+        let wavenumber = 2.0 * PI / params.wavelength_um;
         Ok(TaylorGreen {
-            center: DVec2::from_array(TAYLOR_GREEN.all_finite("center_um", params.center_um)?),
-            max_speed: TAYLOR_GREEN.finite("max_speed_um_s", params.max_speed_um_s)?,
-            wavenumber: TAYLOR_GREEN.positive("1 / wavelength_um", wavenumber)?,
-            decay: 2.0 * viscosity * wavenumber * wavenumber,
+            center: DVec2::from_array(params.center_um),
+            max_speed: params.max_speed_um_s,
+            wavenumber: TaylorGreenParams::CHECK.positive("1 / wavelength_um", wavenumber)?,
+            decay: 2.0 * params.viscosity_um2_s * wavenumber * wavenumber,
         })
     }
 
@@ -115,41 +112,25 @@ impl VelocityField for TaylorGreen {
     }
 }
 
-/// An array of roll cells with axes along z.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cellular {
-    center: DVec2,
-    max_speed: f64,
-    wavenumbers: DVec2,
-    sway: f64,
-    omega: f64,
+field! {
+    /// An array of roll cells with axes along z.
+    Cellular(CellularParams)
 }
 
 impl Cellular {
-    /// The cells of these parameters.
-    pub fn new(params: &CellularParams) -> Result<Self> {
-        let [long, across] = params.wavelengths_um;
-        let wavenumbers = DVec2::new(
-            2.0 * PI / CELLULAR.positive("wavelengths_um", long)?,
-            2.0 * PI / CELLULAR.positive("wavelengths_um", across)?,
-        );
-        Ok(Cellular {
-            center: DVec2::from_array(CELLULAR.all_finite("center_um", params.center_um)?),
-            max_speed: CELLULAR.finite("max_speed_um_s", params.max_speed_um_s)?,
-            wavenumbers,
-            sway: CELLULAR.not_negative("sway_um", params.sway_um)?,
-            omega: 2.0 * PI * CELLULAR.not_negative("frequency_hz", params.frequency_hz)?,
-        })
+    fn wavenumbers(&self) -> DVec2 {
+        2.0 * PI / DVec2::from_array(self.0.wavelengths_um)
     }
 }
 
 impl Formula for Cellular {
     fn formula<S: Real>(&self, [x, y, _]: [S; 3], t: f64) -> [S; 3] {
-        let sway = if self.sway > 0.0 { self.sway * libm::sin(self.omega * t) } else { 0.0 };
-        let x = (x - self.center.x + sway) * self.wavenumbers.x;
-        let y = (y - self.center.y) * self.wavenumbers.y;
-        let across = -self.max_speed * self.wavenumbers.x / self.wavenumbers.y;
-        [x.sin() * y.cos() * self.max_speed, x.cos() * y.sin() * across, S::constant(0.0)]
+        let CellularParams { max_speed_um_s, sway_um, frequency_hz, center_um, .. } = self.0;
+        let k = self.wavenumbers();
+        let sway = if sway_um > 0.0 { sway_um * libm::sin(2.0 * PI * frequency_hz * t) } else { 0.0 };
+        let (x, y) = ((x - center_um[0] + sway) * k.x, (y - center_um[1]) * k.y);
+        let across = -max_speed_um_s * k.x / k.y;
+        [x.sin() * y.cos() * max_speed_um_s, x.cos() * y.sin() * across, S::constant(0.0)]
     }
 }
 
@@ -158,18 +139,18 @@ impl VelocityField for Cellular {
     facts!(divergence_free);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
-        let phase = (x.truncate() - self.center) * self.wavenumbers;
+        let phase = (x.truncate() - DVec2::from_array(self.0.center_um)) * self.wavenumbers();
         self.is_steady().then(|| libm::sin(phase.x) * libm::sin(phase.y))
     }
 
     fn is_steady(&self) -> bool {
-        self.sway == 0.0 || self.omega == 0.0
+        self.0.sway_um == 0.0 || self.0.frequency_hz == 0.0
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         // U^2 sin^2 cos^2 + V^2 cos^2 sin^2 is bilinear in the squares: its maximum is at a corner of the
         // unit square.
-        self.max_speed.abs() * (self.wavenumbers.x / self.wavenumbers.y).max(1.0) * ROUNDING_MARGIN
+        self.0.max_speed_um_s.abs() * (self.wavenumbers().x / self.wavenumbers().y).max(1.0) * ROUNDING_MARGIN
     }
 }
 

@@ -7,11 +7,9 @@
 use super::plates::{Plates, along, direction};
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("couette_poiseuille");
-
 params! {
     /// Parameters of [`CouettePoiseuille`].
-    CouettePoiseuilleParams {
+    CouettePoiseuilleParams("couette_poiseuille") {
         /// Velocity of the ceiling, um/s.
         wall_speed_um_s: f64 = 1290.0, [finite];
         /// Maximum speed of the pressure-driven part alone, um/s; negative: against `direction_rad`.
@@ -25,7 +23,7 @@ params! {
 }
 
 entry! {
-    CouettePoiseuilleParams => CouettePoiseuille::new, "couette_poiseuille", XZ;
+    CouettePoiseuilleParams => CouettePoiseuille::new, XZ;
     "u = V s + 4 U s (1 - s), s = (z - floor) / depth";
     "Landau & Lifshitz, Fluid Mechanics, 17";
     walls_z_um: walls;
@@ -43,11 +41,12 @@ pub struct CouettePoiseuille {
 impl CouettePoiseuille {
     /// The flow of these parameters.
     pub fn new(params: &CouettePoiseuilleParams) -> Result<Self> {
+        let params = params.checked()?;
         Ok(CouettePoiseuille {
-            plates: Plates::new(CHECK, params.walls_z_um)?,
-            direction: direction(CHECK, params.direction_rad)?,
-            wall: CHECK.finite("wall_speed_um_s", params.wall_speed_um_s)?,
-            pressure: CHECK.finite("pressure_speed_um_s", params.pressure_speed_um_s)?,
+            plates: Plates::new(CouettePoiseuilleParams::CHECK, params.walls_z_um)?,
+            direction: direction(params.direction_rad),
+            wall: params.wall_speed_um_s,
+            pressure: params.pressure_speed_um_s,
         })
     }
 
@@ -68,7 +67,7 @@ impl Formula for CouettePoiseuille {
 
 impl VelocityField for CouettePoiseuille {
     by_formula!();
-    facts!(divergence_free, steady, straight);
+    facts!(divergence_free, steady, straight, walls_same_along(true, true, false));
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.z)
@@ -76,10 +75,6 @@ impl VelocityField for CouettePoiseuille {
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         Some(self.plates.wall(x))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [true, true, false]
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

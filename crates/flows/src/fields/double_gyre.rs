@@ -8,11 +8,9 @@
 
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("double_gyre");
-
 params! {
     /// Parameters of [`DoubleGyre`].
-    DoubleGyreParams {
+    DoubleGyreParams("double_gyre") {
         /// Maximum speed along x, um/s.
         max_speed_um_s: f64 = 1290.0, [finite];
         /// Length of the box along y, um; along x it is twice as long.
@@ -28,78 +26,59 @@ params! {
 }
 
 entry! {
-    DoubleGyreParams => DoubleGyre::new, "double_gyre", XY;
+    DoubleGyreParams => DoubleGyre::new, XY;
     "u = -U sin(pi f) cos(pi Y), v = U cos(pi f) sin(pi Y) df/dX, f = e X^2 + (1 - 2e) X, e = eps sin wt";
     "Shadden, Lekien & Marsden, Physica D 212 (2005) 271";
     [("steady", || Self { epsilon: 0.0, ..Default::default() }.build())];
 }
 
-/// A double gyre in the xy-plane.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DoubleGyre {
-    corner: DVec2,
-    size: f64,
-    max_speed: f64,
-    epsilon: f64,
-    omega: f64,
+field! {
+    /// A double gyre in the xy-plane.
+    DoubleGyre(DoubleGyreParams)
 }
 
 impl DoubleGyre {
-    /// The gyres of these parameters.
-    pub fn new(params: &DoubleGyreParams) -> Result<Self> {
-        let size = CHECK.positive("size_um", params.size_um)?;
-        let center = DVec2::from_array(CHECK.all_finite("center_um", params.center_um)?);
-        if !(0.0..=0.5).contains(&params.epsilon) {
-            return Err(CHECK.fault("epsilon", params.epsilon, "a number from 0 to 0.5"));
-        }
-        Ok(DoubleGyre {
-            corner: center - DVec2::new(size, 0.5 * size),
-            size,
-            max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
-            epsilon: params.epsilon,
-            omega: 2.0 * PI * CHECK.not_negative("frequency_hz", params.frequency_hz)?,
-        })
+    fn corner(&self) -> DVec2 {
+        DVec2::from_array(self.0.center_um) - DVec2::new(self.0.size_um, 0.5 * self.0.size_um)
     }
 }
 
 impl Formula for DoubleGyre {
     fn formula<S: Real>(&self, [x, y, _]: [S; 3], t: f64) -> [S; 3] {
-        let (x, y) = ((x - self.corner.x) / self.size, (y - self.corner.y) * (PI / self.size));
-        let e = self.epsilon * libm::sin(self.omega * t);
+        let DoubleGyreParams { max_speed_um_s, size_um, epsilon, frequency_hz, .. } = self.0;
+        let corner = self.corner();
+        let (x, y) = ((x - corner.x) / size_um, (y - corner.y) * (PI / size_um));
+        let e = epsilon * libm::sin(2.0 * PI * frequency_hz * t);
         let f = (x * e + (1.0 - 2.0 * e)) * x * PI;
         let slope = x * (2.0 * e) + (1.0 - 2.0 * e);
-        [f.sin() * y.cos() * -self.max_speed, f.cos() * y.sin() * slope * self.max_speed, S::constant(0.0)]
+        [f.sin() * y.cos() * -max_speed_um_s, f.cos() * y.sin() * slope * max_speed_um_s, S::constant(0.0)]
     }
 }
 
 impl VelocityField for DoubleGyre {
     by_formula!();
-    facts!(divergence_free);
+    facts!(divergence_free, walls_same_along(false, false, true));
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
-        let phase = (x.truncate() - self.corner) * (PI / self.size);
+        let phase = (x.truncate() - self.corner()) * (PI / self.0.size_um);
         self.is_steady().then(|| libm::sin(phase.x) * libm::sin(phase.y))
     }
 
     fn is_steady(&self) -> bool {
-        self.epsilon * self.omega == 0.0
+        self.0.epsilon * self.0.frequency_hz == 0.0
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
-        let (low, high) = (self.corner, self.corner + DVec2::new(2.0 * self.size, self.size));
+        let (low, high) = (self.corner(), self.corner() + DVec2::new(2.0, 1.0) * self.0.size_um);
         Some(Wall::between(Axis::X, low.x, high.x, x).or(Wall::between(Axis::Y, low.y, high.y, x)))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [false, false, true]
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // Here |df/dX| = |1 + 2 e (X - 1)| is at most 1 + 2 eps |X - 1|, and the speed is at most the maximum
         // of u times this factor.
-        let middle = self.corner + DVec2::new(self.size, 0.0);
-        let farthest = region.reach(middle.extend(0.0)).x / self.size;
-        self.max_speed.abs() * (1.0 + 2.0 * self.epsilon * farthest) * ROUNDING_MARGIN
+        let middle = self.corner() + DVec2::new(self.0.size_um, 0.0);
+        let farthest = region.reach(middle.extend(0.0)).x / self.0.size_um;
+        self.0.max_speed_um_s.abs() * (1.0 + 2.0 * self.0.epsilon * farthest) * ROUNDING_MARGIN
     }
 }
 

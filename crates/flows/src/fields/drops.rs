@@ -25,9 +25,6 @@
 use super::prelude::*;
 use crate::wall::ParabolicCap;
 
-const TOROIDAL: ParameterCheck = ParameterCheck("toroidal_drop");
-const COFFEE: ParameterCheck = ParameterCheck("coffee_ring");
-
 /// Height up to which the toroidal formula is extended, relative to that of the surface.
 const BEYOND: f64 = 1.1;
 /// Radius from which tracers are deposited, relative to that of the drop.
@@ -35,7 +32,7 @@ const RIM: f64 = 0.98;
 
 params! {
     /// Parameters of [`ToroidalDrop`].
-    ToroidalDropParams {
+    ToroidalDropParams("toroidal_drop") {
         /// Strength P of the circulation, um^3/s; positive: inward along the floor.
         strength_um3_s: f64 = 4e6, [finite];
         /// Radius of the base of the drop, um.
@@ -50,7 +47,7 @@ params! {
 }
 
 entry! {
-    ToroidalDropParams => ToroidalDrop::new, "toroidal_drop", XZ;
+    ToroidalDropParams => ToroidalDrop::new, XZ;
     "psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, s = 1 - rho^2/R^2";
     "a model made for this program";
     center_um: floor;
@@ -58,7 +55,7 @@ entry! {
 
 params! {
     /// Parameters of [`CoffeeRing`].
-    CoffeeRingParams {
+    CoffeeRingParams("coffee_ring") {
         /// Time from t = 0 until the drop is dry, s.
         drying_time_s: f64 = 5.0, [> 0];
         /// Radius of the base of the drop, um.
@@ -73,10 +70,15 @@ params! {
 }
 
 entry! {
-    CoffeeRingParams => CoffeeRing::new, "coffee_ring", XZ;
+    CoffeeRingParams => CoffeeRing::new, XZ;
     "u_rho = 3 U (Z - Z^2/2), U = R^2/(4 rho (tf - t)) (s^-1/2 - s), Z = z/h, h = h0 (1 - t/tf) s";
     "Deegan et al., Phys. Rev. E 62 (2000) 756";
     center_um: floor;
+}
+
+/// The drop at t = 0.
+fn cap(center_um: Option<[f64; 3]>, radius: f64, height: f64) -> ParabolicCap {
+    ParabolicCap { center: DVec3::from_array(center_um.unwrap_or(ON_FLOOR)), radius, height }
 }
 
 /// A point relative to the center of the drop on the floor, and s there.
@@ -96,15 +98,9 @@ pub struct ToroidalDrop {
 impl ToroidalDrop {
     /// The flow of these parameters.
     pub fn new(params: &ToroidalDropParams) -> Result<Self> {
-        Ok(ToroidalDrop {
-            cap: ParabolicCap::new(
-                TOROIDAL,
-                DVec3::from_array(params.center_um.unwrap_or(ON_FLOOR)),
-                params.radius_um,
-                params.height_um,
-            )?,
-            strength: TOROIDAL.finite("strength_um3_s", params.strength_um3_s)?,
-        })
+        let params = params.checked()?;
+        let cap = cap(params.center_um, params.radius_um, params.height_um);
+        Ok(ToroidalDrop { cap, strength: params.strength_um3_s })
     }
 }
 
@@ -162,15 +158,9 @@ pub struct CoffeeRing {
 impl CoffeeRing {
     /// The flow of these parameters.
     pub fn new(params: &CoffeeRingParams) -> Result<Self> {
-        Ok(CoffeeRing {
-            cap: ParabolicCap::new(
-                COFFEE,
-                DVec3::from_array(params.center_um.unwrap_or(ON_FLOOR)),
-                params.radius_um,
-                params.height_um,
-            )?,
-            drying_time: COFFEE.positive("drying_time_s", params.drying_time_s)?,
-        })
+        let params = params.checked()?;
+        let cap = cap(params.center_um, params.radius_um, params.height_um);
+        Ok(CoffeeRing { cap, drying_time: params.drying_time_s })
     }
 
     /// Height at the center, um.
@@ -276,7 +266,5 @@ mod tests {
             [at(-50.0, 0.0), at(-20.0, 0.0), at(-20.0, 2.5), at(-20.0, 9.0)],
             [-50.0, -21.0, -51.0, -79.0]
         );
-        assert!(CoffeeRing::new(&CoffeeRingParams { drying_time_s: 0.0, ..Default::default() }).is_err());
-        assert!(ToroidalDrop::new(&ToroidalDropParams { height_um: -1.0, ..Default::default() }).is_err());
     }
 }

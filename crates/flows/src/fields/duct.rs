@@ -14,9 +14,7 @@
 //! straight lines. Outside the duct the velocity is zero.
 
 use super::prelude::*;
-use super::speed::Speed;
-
-const CHECK: ParameterCheck = ParameterCheck("duct");
+use super::speed::max_speed;
 
 /// Maximum number of (odd) terms of the sum.
 const MAX_TERMS: u32 = 400;
@@ -25,7 +23,7 @@ const NEGLIGIBLE: f64 = 40.0;
 
 params! {
     /// Parameters of [`Duct`].
-    DuctParams {
+    DuctParams("duct") {
         /// Speed on the axis, um/s.
         #[otherwise = "1290.0"]
         max_speed_um_s: Option<f64> = None, [finite];
@@ -47,7 +45,7 @@ params! {
 }
 
 entry! {
-    DuctParams => Duct::new, "duct", YZ;
+    DuctParams => Duct::new, YZ;
     "u = Boussinesq series of a rectangular duct along x";
     "Bruus, Theoretical Microfluidics, 3.4.6";
     [("deep", || Self { width_um: 60.0, ..Default::default() }.build())];
@@ -78,26 +76,22 @@ pub struct Duct {
 impl Duct {
     /// The flow of these parameters.
     pub fn new(params: &DuctParams) -> Result<Self> {
-        let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
-        let width = CHECK.positive("width_um", params.width_um)?;
-        let center = CHECK.finite("center_y_um", params.center_y_um)?;
+        let (params, check) = (params.checked()?, DuctParams::CHECK);
+        let [floor, ceiling] = check.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
+        let width = params.width_um;
         let mut duct = Duct {
-            center: DVec2::new(center, 0.5 * (floor + ceiling)),
+            center: DVec2::new(params.center_y_um, 0.5 * (floor + ceiling)),
             sides: DVec2::new(width, ceiling - floor),
             walls_z: [floor, ceiling],
             max_speed: 1.0,
             scale: 1.0,
         };
         let on_axis = duct.profile(DVec2::ZERO).0;
-        let speed = Speed {
-            max_um_s: params.max_speed_um_s,
-            mean_um_s: params.mean_speed_um_s,
-            flow_rate_ul_min: params.flow_rate_ul_min,
-        };
+        let speeds = [params.max_speed_um_s, params.mean_speed_um_s, params.flow_rate_ul_min];
         let mean_share = duct.mean_speed() / on_axis;
-        duct.max_speed = speed.max(CHECK, mean_share, || Ok(width * (ceiling - floor)))?;
+        duct.max_speed = max_speed(speeds, check, mean_share, || Ok(width * (ceiling - floor)))?;
         duct.scale = duct.max_speed / on_axis;
-        CHECK.finite("width_um over depth", duct.scale)?;
+        check.finite("width_um over depth", duct.scale)?;
         Ok(duct)
     }
 
@@ -164,7 +158,7 @@ impl Duct {
 }
 
 impl VelocityField for Duct {
-    facts!(divergence_free, steady, straight);
+    facts!(divergence_free, steady, straight, walls_same_along(true, false, false));
 
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
         DVec3::X * self.speed(x).0
@@ -183,10 +177,6 @@ impl VelocityField for Duct {
         let [y0, y1] = [-0.5, 0.5].map(|half| self.center.x + half * self.sides.x);
         let [z0, z1] = self.walls_z;
         Some(Wall::between(Axis::Y, y0, y1, x).or(Wall::between(Axis::Z, z0, z1, x)))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [true, false, false]
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

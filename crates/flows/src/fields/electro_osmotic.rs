@@ -12,11 +12,9 @@
 use super::plates::{Plates, along, direction, inside};
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("electro_osmotic");
-
 params! {
     /// Parameters of [`ElectroOsmotic`].
-    ElectroOsmoticParams {
+    ElectroOsmoticParams("electro_osmotic") {
         /// Helmholtz-Smoluchowski slip velocity U, um/s.
         slip_speed_um_s: f64 = 390.0, [finite];
         /// Debye length, um; 0: thin-layer limit.
@@ -32,7 +30,7 @@ params! {
 }
 
 entry! {
-    ElectroOsmoticParams => ElectroOsmotic::new, "electro_osmotic", XZ;
+    ElectroOsmoticParams => ElectroOsmotic::new, XZ;
     "u = U (1 - cosh(z/l) / cosh(h/l)), closed: minus the parabola of the same mean";
     "Bruus, Theoretical Microfluidics, 9.2";
     [
@@ -57,13 +55,13 @@ pub struct ElectroOsmotic {
 impl ElectroOsmotic {
     /// The flow of these parameters.
     pub fn new(params: &ElectroOsmoticParams) -> Result<Self> {
-        let plates = Plates::new(CHECK, params.walls_z_um)?;
-        let slip = CHECK.finite("slip_speed_um_s", params.slip_speed_um_s)?;
-        let decay = 1.0 / CHECK.not_negative("debye_length_um", params.debye_length_um)?;
+        let params = params.checked()?;
+        let plates = Plates::new(ElectroOsmoticParams::CHECK, params.walls_z_um)?;
+        let (slip, decay) = (params.slip_speed_um_s, 1.0 / params.debye_length_um);
         let kh = 0.5 * plates.depth * decay;
         let mean = if kh.is_infinite() { slip } else { slip * (1.0 - libm::tanh(kh) / kh) };
         let back = if params.closed { -mean } else { 0.0 };
-        Ok(ElectroOsmotic { plates, direction: direction(CHECK, params.direction_rad)?, slip, decay, back })
+        Ok(ElectroOsmotic { plates, direction: direction(params.direction_rad), slip, decay, back })
     }
 
     /// Mean velocity over the depth, um/s.
@@ -96,7 +94,7 @@ impl Formula for ElectroOsmotic {
 
 impl VelocityField for ElectroOsmotic {
     by_formula!();
-    facts!(divergence_free, steady, straight);
+    facts!(divergence_free, steady, straight, walls_same_along(true, true, false));
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.z)
@@ -104,10 +102,6 @@ impl VelocityField for ElectroOsmotic {
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         Some(self.plates.wall(x))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [true, true, false]
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

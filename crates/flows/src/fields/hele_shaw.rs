@@ -11,11 +11,9 @@
 use super::plates::Plates;
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("hele_shaw");
-
 params! {
     /// Parameters of [`HeleShaw`].
-    HeleShawParams {
+    HeleShawParams("hele_shaw") {
         /// Speed far from the pillar along x, averaged over the depth, um/s.
         mean_speed_um_s: f64 = 430.0, [finite];
         /// Radius of the pillar, um.
@@ -30,7 +28,7 @@ params! {
 }
 
 entry! {
-    HeleShawParams => HeleShaw::new, "hele_shaw", XY;
+    HeleShawParams => HeleShaw::new, XY;
     "u = 6 s (1 - s) U (1 - a^2 (X^2 - Y^2)/r^4, -2 a^2 X Y/r^4, 0)";
     "Batchelor, An Introduction to Fluid Dynamics, 4.8";
     walls_z_um: walls;
@@ -48,11 +46,12 @@ pub struct HeleShaw {
 impl HeleShaw {
     /// The flow of these parameters.
     pub fn new(params: &HeleShawParams) -> Result<Self> {
+        let params = params.checked()?;
         Ok(HeleShaw {
-            plates: Plates::new(CHECK, params.walls_z_um)?,
-            center: DVec2::from_array(CHECK.all_finite("center_um", params.center_um)?),
-            radius: CHECK.positive("radius_um", params.radius_um)?,
-            speed: CHECK.finite("mean_speed_um_s", params.mean_speed_um_s)?,
+            plates: Plates::new(HeleShawParams::CHECK, params.walls_z_um)?,
+            center: DVec2::from_array(params.center_um),
+            radius: params.radius_um,
+            speed: params.mean_speed_um_s,
         })
     }
 }

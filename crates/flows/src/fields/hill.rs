@@ -12,11 +12,9 @@
 
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("hill");
-
 params! {
     /// Parameters of [`Hill`].
-    HillParams {
+    HillParams("hill") {
         /// Speed of the vortex through the fluid along its axis, um/s.
         speed_um_s: f64 = 600.0, [finite];
         /// Radius of the sphere, um.
@@ -33,55 +31,41 @@ params! {
 }
 
 entry! {
-    HillParams => Hill::new, "hill", XY;
+    HillParams => Hill::new, XY;
     "Hill's spherical vortex: u_rho = 3 U rho s/(2 a^2), u_s = 3 U (a^2 - 2 rho^2 - s^2)/(2 a^2) inside, a dipole flow outside";
     "Batchelor, An Introduction to Fluid Dynamics, 7.2";
     [("moving", || Self { moving: true, axis: Axis::Z, ..Default::default() }.build())];
     center_um: middle;
 }
 
-/// Hill's spherical vortex.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hill {
-    center: DVec3,
-    axis: DVec3,
-    speed: f64,
-    radius: f64,
-    moving: bool,
+field! {
+    /// Hill's spherical vortex.
+    Hill(HillParams)
 }
 
 impl Hill {
-    /// The vortex of these parameters.
-    pub fn new(params: &HillParams) -> Result<Self> {
-        Ok(Hill {
-            center: DVec3::from_array(CHECK.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?),
-            axis: params.axis.unit(),
-            speed: CHECK.finite("speed_um_s", params.speed_um_s)?,
-            radius: CHECK.positive("radius_um", params.radius_um)?,
-            moving: params.moving,
-        })
-    }
-
     fn center(&self, t: f64) -> DVec3 {
-        if self.moving { self.center + self.axis * (self.speed * t) } else { self.center }
+        let center = DVec3::from_array(self.0.center_um.unwrap_or(MID_DEPTH));
+        if self.0.moving { center + self.0.axis.unit() * (self.0.speed_um_s * t) } else { center }
     }
 }
 
 impl Formula for Hill {
     fn formula<S: Real>(&self, x: [S; 3], t: f64) -> [S; 3] {
-        let (center, axis) = (self.center(t), self.axis);
+        let (center, axis) = (self.center(t), self.0.axis.unit());
         let arm: [S; 3] = std::array::from_fn(|i| x[i] - center[i]);
         let s = arm[0] * axis.x + arm[1] * axis.y + arm[2] * axis.z;
         let r2 = arm[0].squared() + arm[1].squared() + arm[2].squared();
-        let (u, a2) = (self.speed, self.radius * self.radius);
+        let HillParams { speed_um_s: u, radius_um, moving, .. } = self.0;
+        let a2 = radius_um * radius_um;
         // The velocity is `outward` times the arm and `along` times the axis: u_rho = outward rho.
         let (outward, along) = if r2.value() < a2 {
             (s * (1.5 * u / a2), (-r2 * 2.0 + a2) * (1.5 * u / a2))
         } else {
-            let cube = S::constant(a2 * self.radius) / (r2 * r2.sqrt());
+            let cube = S::constant(a2 * radius_um) / (r2 * r2.sqrt());
             (s / r2 * cube * (1.5 * u), (cube * -0.5 - 1.0) * u)
         };
-        let along = if self.moving { along + u } else { along };
+        let along = if moving { along + u } else { along };
         std::array::from_fn(|i| arm[i] * outward + along * axis[i])
     }
 }
@@ -92,30 +76,30 @@ impl VelocityField for Hill {
 
     fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
         let arm = x - self.center(t);
-        let (r2, s) = (arm.length_squared(), arm.dot(self.axis));
+        let (r2, s) = (arm.length_squared(), arm.dot(self.0.axis.unit()));
         let rho2 = r2 - s * s;
-        let share = libm::sqrt(r2) / self.radius;
+        let share = libm::sqrt(r2) / self.0.radius_um;
         Some(if share < 1.0 {
-            0.75 * self.speed * rho2 * (1.0 - share * share)
+            0.75 * self.0.speed_um_s * rho2 * (1.0 - share * share)
         } else {
-            -0.5 * self.speed * rho2 * (1.0 - 1.0 / (share * share * share))
+            -0.5 * self.0.speed_um_s * rho2 * (1.0 - 1.0 / (share * share * share))
         })
     }
 
     fn is_steady(&self) -> bool {
-        !self.moving
+        !self.0.moving
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         // In the frame of the vortex the maximum is 3U/2, at the center and on the equator.
-        let fastest = if self.moving { 2.5 } else { 1.5 };
-        self.speed.abs() * fastest * ROUNDING_MARGIN
+        let fastest = if self.0.moving { 2.5 } else { 1.5 };
+        self.0.speed_um_s.abs() * fastest * ROUNDING_MARGIN
     }
 
     fn step_limit(&self, x: DVec3, t: f64) -> Option<f64> {
         // At most to the surface; near it, a fraction of the radius.
-        let way = ((x - self.center(t)).length() - self.radius).abs().max(JUMP_STEP * self.radius);
-        Some(way / (1.5 * self.speed.abs()))
+        let way = ((x - self.center(t)).length() - self.0.radius_um).abs().max(JUMP_STEP * self.0.radius_um);
+        Some(way / (1.5 * self.0.speed_um_s.abs()))
     }
 }
 
@@ -135,6 +119,5 @@ mod tests {
         assert!(at(40.0 / std::f64::consts::SQRT_2, 0.0).length() < 1e-10);
         assert!((at(0.0, 0.0) - DVec3::Z * 900.0).length() < 1e-10);
         assert!((at(0.0, 1e9) + DVec3::Z * 600.0).length() < 1e-10);
-        assert!(Hill::new(&HillParams { radius_um: 0.0, ..Default::default() }).is_err());
     }
 }

@@ -17,16 +17,12 @@ use crate::sincos::sines_and_cosines;
 use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Stream, Streams};
 
-const CHECK: ParameterCheck = ParameterCheck("kraichnan");
-
 /// Number of modes in a block, which are summed in parallel lanes.
 const LANES: usize = 16;
-/// Maximum number of modes.
-const MAX_MODES: u32 = 100_000;
 
 params! {
     /// Parameters of [`Kraichnan`].
-    KraichnanParams {
+    KraichnanParams("kraichnan") {
         /// Number of dimensions: 3, or 2 for a field in the xy-plane.
         dimensions: u32 = 3, [2 to 3];
         /// Root mean square u' of each component of the velocity, um/s.
@@ -45,7 +41,7 @@ params! {
 }
 
 entry! {
-    KraichnanParams => Kraichnan::new, "kraichnan", XY;
+    KraichnanParams => Kraichnan::new, XY;
     "u = SUM a_n cos(k_n.x + w_n t) + b_n sin(k_n.x + w_n t)";
     "Kraichnan, Phys. Fluids 13 (1970) 22";
     [
@@ -71,7 +67,6 @@ struct Block {
     b: [[f64; LANES]; 3],
 }
 
-/// One mode.
 #[derive(Debug, Clone, Copy)]
 struct Mode {
     k: DVec3,
@@ -92,21 +87,16 @@ pub struct Kraichnan {
 impl Kraichnan {
     /// The field of these parameters.
     pub fn new(params: &KraichnanParams) -> Result<Self> {
-        CHECK.not_negative("rms_speed_um_s", params.rms_speed_um_s)?;
-        CHECK.positive("wavelength_um", params.wavelength_um)?;
-        CHECK.not_negative("unsteadiness", params.unsteadiness)?;
-        if !(2..=3).contains(&params.dimensions) {
-            return Err(CHECK.fault("dimensions", params.dimensions, "2 or 3"));
-        }
-        if !(1..=MAX_MODES).contains(&params.modes) {
-            return Err(CHECK.fault("modes", params.modes, "1 to 100000"));
-        }
+        let params = &params.checked()?;
         for period in params.period_um {
-            CHECK.not_negative("period_um", period)?;
             // With the shortest allowed period a few per cent of the wave vectors round to zero and are
             // redrawn.
             if period > 0.0 && period < params.wavelength_um {
-                return Err(CHECK.fault("period_um", period, "0, or at least wavelength_um"));
+                return Err(KraichnanParams::CHECK.fault(
+                    "period_um",
+                    period,
+                    "0, or at least wavelength_um",
+                ));
             }
         }
         let streams = Streams::new(params.seed);
@@ -359,8 +349,7 @@ mod tests {
     #[test]
     fn impossible_fields_are_refused() {
         let message = Kraichnan::new(&params(4, 1)).unwrap_err().to_string();
-        assert_eq!(message, "kraichnan: dimensions = 4: expected 2 or 3");
-        assert!(Kraichnan::new(&KraichnanParams { modes: 0, ..params(3, 1) }).is_err());
+        assert_eq!(message, "kraichnan: dimensions = 4: expected a number from 2 to 3");
         assert!(Kraichnan::new(&KraichnanParams { period_um: [30.0, 0.0, 0.0], ..params(3, 1) }).is_err());
     }
 }

@@ -15,7 +15,7 @@
 use super::prelude::*;
 use crate::special::{exponential_integral, gauss_mean, mean_decay, mean_decay_slope};
 
-const CHECK: ParameterCheck = ParameterCheck("lamb_oseen");
+const CHECK: ParameterCheck = LambOseenParams::CHECK;
 
 /// q = r^2/s at the maximum speed.
 pub(super) const PEAK_Q: f64 = 1.256_431_208_626_169_7;
@@ -29,7 +29,7 @@ const GAUSS_RATIO: f64 = 1.5;
 
 params! {
     /// Parameters of [`LambOseen`].
-    LambOseenParams {
+    LambOseenParams("lamb_oseen") {
         /// Maximum speed at t = 0, um/s; positive: from x toward y.
         max_speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the core at t = 0, um.
@@ -43,7 +43,7 @@ params! {
 }
 
 entry! {
-    LambOseenParams => LambOseen::from_params, "lamb_oseen", XY;
+    LambOseenParams => LambOseen::from_params, XY;
     "v = G/(2 pi r) (1 - e^(-r^2/s)), s = rc^2 + 4 nu t";
     "Saffman, Vortex Dynamics, 13.1";
     [
@@ -89,8 +89,7 @@ impl LambOseen {
 
     /// The vortex of these parameters.
     pub fn from_params(params: &LambOseenParams) -> Result<Self> {
-        CHECK.all_finite("center_um", params.center_um)?;
-        CHECK.not_negative("viscosity_um2_s", params.viscosity_um2_s)?;
+        let params = params.checked()?;
         let center = DVec2::from_array(params.center_um);
         Self::from_max_speed(center, params.max_speed_um_s, params.core_radius_um, params.viscosity_um2_s)
     }

@@ -7,25 +7,25 @@
 
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("linear");
+const CHECK: ParameterCheck = LinearParams::CHECK;
 
 params! {
     /// Parameters of a uniform flow, [`Linear::from_uniform`].
-    UniformParams {
+    UniformParams("uniform") {
         /// The velocity everywhere, um/s.
         velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], [finite];
     }
 }
 
 entry! {
-    UniformParams => Linear::from_uniform, "uniform", XY;
+    UniformParams => Linear::from_uniform, XY;
     "u = U";
     "any textbook";
 }
 
 params! {
     /// Parameters of simple shear, [`Linear::from_shear`].
-    ShearParams {
+    ShearParams("shear") {
         /// Shear rate g, 1/s.
         rate_per_s: f64 = 12.9, [finite];
         /// Direction of the velocity.
@@ -40,7 +40,7 @@ params! {
 }
 
 entry! {
-    ShearParams => Linear::from_shear, "shear", XZ;
+    ShearParams => Linear::from_shear, XZ;
     "u = g (s - s0), along one axis and growing along another";
     "Batchelor, An Introduction to Fluid Dynamics, 2.3";
     [("xy", || {
@@ -51,7 +51,7 @@ entry! {
 
 params! {
     /// Parameters of solid rotation, [`Linear::from_rotation`].
-    RotationParams {
+    RotationParams("rotation") {
         /// Angular velocity vector, rad/s; a positive z component is clockwise on the screen.
         omega_rad_s: [f64; 3] = [0.0, 0.0, 5.0], [finite];
         /// A point on the axis, um.
@@ -62,7 +62,7 @@ params! {
 }
 
 entry! {
-    RotationParams => Linear::from_rotation, "rotation", XY;
+    RotationParams => Linear::from_rotation, XY;
     "u = omega x (x - c)";
     "Batchelor, An Introduction to Fluid Dynamics, 2.3";
     [("oblique", || {
@@ -88,7 +88,7 @@ pub enum Strain {
 
 params! {
     /// Parameters of pure strain, [`Linear::from_strain`].
-    StrainParams {
+    StrainParams("strain") {
         /// Strain rate e, 1/s; negative: compression along the axis of extension.
         rate_per_s: f64 = 10.0, [finite];
         /// Planar in xy, or uniaxial along an axis.
@@ -101,7 +101,7 @@ params! {
 }
 
 entry! {
-    StrainParams => Linear::from_strain, "strain", XY;
+    StrainParams => Linear::from_strain, XY;
     "planar: u = e (x, -y, 0); uniaxial along x: u = e (x, -y/2, -z/2)";
     "Batchelor, An Introduction to Fluid Dynamics, 2.3";
     [("uniaxial", || Self { kind: Strain::UniaxialZ, ..Default::default() }.build())];
@@ -110,7 +110,7 @@ entry! {
 
 params! {
     /// Parameters of isotropic dilatation, [`Linear::from_dilatation`].
-    DilatationParams {
+    DilatationParams("dilatation") {
         /// Rate of expansion along every axis, 1/s; negative: contraction.
         rate_per_s: f64 = 5.0, [finite];
         /// Stagnation point, um.
@@ -121,7 +121,7 @@ params! {
 }
 
 entry! {
-    DilatationParams => Linear::from_dilatation, "dilatation", XY;
+    DilatationParams => Linear::from_dilatation, XY;
     "u = e (x - c)";
     "Batchelor, An Introduction to Fluid Dynamics, 2.3";
     center_um: middle;
@@ -129,7 +129,7 @@ entry! {
 
 params! {
     /// Parameters of the general linear field, [`Linear::from_params`].
-    LinearParams {
+    LinearParams("linear") {
         /// The velocity at the center, um/s.
         velocity_um_s: [f64; 3] = [600.0, 0.0, 0.0], [finite];
         /// Rows of the velocity gradient du_i/dx_j, 1/s.
@@ -142,7 +142,7 @@ params! {
 }
 
 entry! {
-    LinearParams => Linear::from_params, "linear", XY;
+    LinearParams => Linear::from_params, XY;
     "u = U + A (x - c)";
     "Moler & Van Loan, SIAM Review 45 (2003) 3, for its trajectories";
     [("oblique", || {
@@ -192,30 +192,32 @@ impl Linear {
 
     /// The field of these parameters.
     pub fn from_params(params: &LinearParams) -> Result<Self> {
-        let rows = params.gradient_per_s.map(DVec3::from_array);
-        let gradient = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
-        Self::new(DVec3::from_array(params.velocity_um_s), gradient, center(params.center_um, MID_DEPTH)?)
+        let params = params.checked()?;
+        let gradient = DMat3::from_cols_array_2d(&params.gradient_per_s).transpose();
+        Self::new(DVec3::from_array(params.velocity_um_s), gradient, center(params.center_um, MID_DEPTH))
     }
 
     /// [`Linear::uniform`] from its parameters.
     pub fn from_uniform(params: &UniformParams) -> Result<Self> {
-        Self::uniform(DVec3::from_array(params.velocity_um_s))
+        Self::uniform(DVec3::from_array(params.checked()?.velocity_um_s))
     }
 
     /// [`Linear::shear`] from its parameters.
     pub fn from_shear(params: &ShearParams) -> Result<Self> {
-        Self::shear(params.rate_per_s, params.along, params.across, center(params.center_um, ON_FLOOR)?)
+        let params = params.checked()?;
+        Self::shear(params.rate_per_s, params.along, params.across, center(params.center_um, ON_FLOOR))
     }
 
     /// [`Linear::rotation`] from its parameters.
     pub fn from_rotation(params: &RotationParams) -> Result<Self> {
-        CHECK.all_finite("omega_rad_s", params.omega_rad_s)?;
-        Self::rotation(DVec3::from_array(params.omega_rad_s), center(params.center_um, MID_DEPTH)?)
+        let params = params.checked()?;
+        Self::rotation(DVec3::from_array(params.omega_rad_s), center(params.center_um, MID_DEPTH))
     }
 
     /// [`Linear::planar_strain`] or [`Linear::uniaxial_strain`] from their parameters.
     pub fn from_strain(params: &StrainParams) -> Result<Self> {
-        let center = center(params.center_um, MID_DEPTH)?;
+        let params = params.checked()?;
+        let center = center(params.center_um, MID_DEPTH);
         match params.kind {
             Strain::Planar => Self::planar_strain(params.rate_per_s, center),
             Strain::UniaxialX => Self::uniaxial_strain(params.rate_per_s, Axis::X, center),
@@ -226,7 +228,8 @@ impl Linear {
 
     /// [`Linear::dilatation`] from its parameters.
     pub fn from_dilatation(params: &DilatationParams) -> Result<Self> {
-        Self::dilatation(params.rate_per_s, center(params.center_um, MID_DEPTH)?)
+        let params = params.checked()?;
+        Self::dilatation(params.rate_per_s, center(params.center_um, MID_DEPTH))
     }
 
     /// A uniform velocity, um/s.
@@ -323,11 +326,10 @@ impl VelocityField for Linear {
     }
 }
 
-fn center(center_um: Option<[f64; 3]>, default_um: [f64; 3]) -> Result<DVec3> {
-    CHECK.all_finite("center_um", center_um.unwrap_or(default_um)).map(DVec3::from_array)
+fn center(center_um: Option<[f64; 3]>, default_um: [f64; 3]) -> DVec3 {
+    DVec3::from_array(center_um.unwrap_or(default_um))
 }
 
-/// The exponential of a matrix.
 pub(crate) fn exponential(matrix: DMat3) -> DMat3 {
     DMat3::IDENTITY + matrix * mean_exponential(matrix)
 }

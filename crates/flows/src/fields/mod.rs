@@ -139,7 +139,7 @@ macro_rules! for_each_field {
 /// What the files of the fields have in common.
 pub(in crate::fields) mod prelude {
     pub(in crate::fields) use super::{
-        CHANNEL, JUMP_STEP, MID_DEPTH, ON_FLOOR, ROUNDING_MARGIN, entry, facts,
+        CHANNEL, JUMP_STEP, MID_DEPTH, ON_FLOOR, ROUNDING_MARGIN, entry, facts, field,
     };
     pub(in crate::fields) use crate::dual::{Formula, Real, by_formula};
     pub(in crate::fields) use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
@@ -152,11 +152,28 @@ pub(in crate::fields) mod prelude {
     pub(in crate::fields) use std::f64::consts::PI;
 }
 
-/// The entry of a field in the registry and its construction: parameters, constructor, name, plane of its plot; formula;
+/// A field that is its parameters, checked, and its constructor.
+macro_rules! field {
+    (#[doc = $doc:literal] $field:ident($parameters:ident)) => {
+        #[doc = $doc]
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct $field($parameters);
+
+        impl $field {
+            /// The field of these parameters; `Err` if one is out of range.
+            pub fn new(params: &$parameters) -> Result<Self> {
+                params.checked().map($field)
+            }
+        }
+    };
+}
+use field;
+
+/// The entry of a field in the registry and its construction: parameters, constructor, plane of its plot; formula;
 /// source; variants; parameters that are derived from the depth range unless they are given, or functions of the trait.
 macro_rules! entry {
     (
-        $parameters:ident => $new:path, $name:literal, $plane:ident;
+        $parameters:ident => $new:path, $plane:ident;
         $formula:literal;
         $source:literal;
         $([$($variant:tt)*];)?
@@ -165,7 +182,7 @@ macro_rules! entry {
     ) => {
         impl FieldParameters for $parameters {
             const ENTRY: FieldEntry = FieldEntry {
-                name: $name,
+                name: Self::CHECK.0,
                 formula: $formula,
                 parameters: Self::PARAMETERS,
                 source: $source,
@@ -191,8 +208,8 @@ macro_rules! entry {
 }
 use entry;
 
-/// Properties of a velocity field: `divergence_free`, `steady`, and `straight`, if its trajectories are straight lines at constant
-/// speed.
+/// Properties of a velocity field: `divergence_free`, `steady`, `straight` (its trajectories are straight lines at constant
+/// speed), `walls_same_along` (followed by whether they are along x, y and z).
 macro_rules! facts {
     (@ divergence_free) => {
         fn is_divergence_free(&self) -> bool {
@@ -204,13 +221,18 @@ macro_rules! facts {
             true
         }
     };
+    (@ walls_same_along($x:literal, $y:literal, $z:literal)) => {
+        fn walls_same_along(&self) -> [bool; 3] {
+            [$x, $y, $z]
+        }
+    };
     (@ straight) => {
         fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
             Some(x + self.velocity(x, t0) * (t1 - t0))
         }
     };
-    ($($fact:ident),+) => {
-        $(facts!(@ $fact);)+
+    ($($fact:ident $(($($value:literal),+))?),+) => {
+        $(facts!(@ $fact $(($($value),+))?);)+
     };
 }
 use facts;
@@ -229,3 +251,35 @@ const ROUNDING_MARGIN: f64 = 1.0 + 1e-12;
 
 /// Longest step across a surface where the gradient is discontinuous, as a fraction of its radius.
 const JUMP_STEP: f64 = 0.02;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::entry::FieldParameters;
+
+    #[test]
+    fn a_parameter_out_of_its_declared_range_is_refused() {
+        macro_rules! assert_refused {
+            ($($parameters:ident { $key:ident: $value:expr }: $message:literal,)*) => {$(
+                let built = $parameters { $key: $value, ..Default::default() }.build();
+                assert_eq!(built.map(drop).unwrap_err().to_string(), $message);
+            )*};
+        }
+        assert_refused! {
+            AbcParams { center_um: Some([f64::NAN, 1.0, 2.0]) }: "abc: center_um = [NaN, 1.0, 2.0]: expected finite numbers",
+            AbcParams { wavelength_um: -1.0 }: "abc: wavelength_um = -1: expected a finite number > 0",
+            AcoustophoresisParams { half_waves: 0 }: "acoustophoresis: half_waves = 0: expected a finite number >= 1",
+            BickleyJetParams { half_width_um: 0.0 }: "bickley_jet: half_width_um = 0: expected a finite number > 0",
+            BurgersParams { strain_rate_per_s: 0.0 }: "burgers: strain_rate_per_s = 0: expected a finite number > 0",
+            CoffeeRingParams { drying_time_s: 0.0 }: "coffee_ring: drying_time_s = 0: expected a finite number > 0",
+            HillParams { radius_um: 0.0 }: "hill: radius_um = 0: expected a finite number > 0",
+            KraichnanParams { modes: 0 }: "kraichnan: modes = 0: expected a number from 1 to 1e5",
+            SinusoidParams { wavelength_um: f64::NAN }: "sinusoid: wavelength_um = NaN: expected a finite number > 0",
+            SourceParams { core_radius_um: 0.0 }: "source: core_radius_um = 0: expected a finite number > 0",
+            TanhLayerParams { thickness_um: -1.0 }: "tanh_layer: thickness_um = -1: expected a finite number > 0",
+            ToroidalDropParams { height_um: -1.0 }: "toroidal_drop: height_um = -1: expected a finite number > 0",
+            TubeParams { radius_um: Some(-1.0) }: "tube: radius_um = -1: expected a finite number > 0",
+            WomersleyParams { frequency_hz: 0.0 }: "womersley: frequency_hz = 0: expected a finite number > 0",
+        }
+    }
+}

@@ -56,9 +56,9 @@ pub(super) fn inside(height: f64) -> bool {
 }
 
 /// The unit vector at an angle (rad) from image x toward image y.
-pub(super) fn direction(check: ParameterCheck, direction_rad: f64) -> Result<DVec3> {
-    let (sin, cos) = libm::sincos(check.finite("direction_rad", direction_rad)?);
-    Ok(DVec3::new(cos, sin, 0.0))
+pub(super) fn direction(direction_rad: f64) -> DVec3 {
+    let (sin, cos) = libm::sincos(direction_rad);
+    DVec3::new(cos, sin, 0.0)
 }
 
 /// The velocity of `speed` along `direction`.

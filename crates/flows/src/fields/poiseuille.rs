@@ -6,13 +6,13 @@
 //! Beyond the plates the velocity is zero.
 
 use super::prelude::*;
-use super::speed::Speed;
+use super::speed::max_speed;
 
-const CHECK: ParameterCheck = ParameterCheck("poiseuille");
+const CHECK: ParameterCheck = PoiseuilleParams::CHECK;
 
 params! {
     /// Parameters of [`Poiseuille`].
-    PoiseuilleParams {
+    PoiseuilleParams("poiseuille") {
         /// Speed midway between the plates, um/s; negative: opposite direction.
         #[otherwise = "1290.0"]
         max_speed_um_s: Option<f64> = None, [finite];
@@ -34,7 +34,7 @@ params! {
 }
 
 entry! {
-    PoiseuilleParams => Poiseuille::from_params, "poiseuille", XZ;
+    PoiseuilleParams => Poiseuille::from_params, XZ;
     "u = 4 U s (1 - s), s = (z - floor) / depth";
     "Landau & Lifshitz, Fluid Mechanics, 17";
     [("diagonal", || Self { direction_rad: 0.3, ..Default::default() }.build())];
@@ -52,25 +52,19 @@ entry! {
 
 impl PoiseuilleParams {
     fn max_speed(&self) -> Result<f64> {
-        let speed = Speed {
-            max_um_s: self.max_speed_um_s,
-            mean_um_s: self.mean_speed_um_s,
-            flow_rate_ul_min: self.flow_rate_ul_min,
-        };
+        self.checked()?;
+        let speeds = [self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min];
         if let (Some(width_um), None) = (self.width_um, self.flow_rate_ul_min) {
             return Err(CHECK.fault("width_um", width_um, "no value without flow_rate_ul_min"));
         }
-        speed.max(CHECK, 2.0 / 3.0, || {
+        max_speed(speeds, CHECK, 2.0 / 3.0, || {
             let [floor, ceiling] = CHECK.increasing("walls_z_um", self.walls_z_um.unwrap_or(CHANNEL))?;
             let Some(width_um) = self.width_um else {
                 let allowed = "no value without width_um, the width of the channel";
-                return Err(CHECK.fault(
-                    "flow_rate_ul_min",
-                    self.flow_rate_ul_min.unwrap_or_default(),
-                    allowed,
-                ));
+                let rate = self.flow_rate_ul_min.unwrap_or_default();
+                return Err(CHECK.fault("flow_rate_ul_min", rate, allowed));
             };
-            Ok(CHECK.positive("width_um", width_um)? * (ceiling - floor))
+            Ok(width_um * (ceiling - floor))
         })
     }
 }
@@ -101,8 +95,8 @@ impl Poiseuille {
 
     /// The flow of these parameters.
     pub fn from_params(params: &PoiseuilleParams) -> Result<Self> {
+        let params = params.checked()?;
         let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
-        CHECK.finite("direction_rad", params.direction_rad)?;
         Self::new(params.max_speed()?, floor, ceiling, params.direction_rad)
     }
 
@@ -117,7 +111,7 @@ impl Poiseuille {
 }
 
 impl VelocityField for Poiseuille {
-    facts!(divergence_free, steady, straight);
+    facts!(divergence_free, steady, straight, walls_same_along(true, true, false));
 
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
         self.direction * self.speed(self.height(x.z))
@@ -136,10 +130,6 @@ impl VelocityField for Poiseuille {
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         Some(Wall::between(Axis::Z, self.floor, self.ceiling, x))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [true, true, false]
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

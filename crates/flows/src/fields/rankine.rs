@@ -5,11 +5,9 @@
 
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("rankine");
-
 params! {
     /// Parameters of [`Rankine`].
-    RankineParams {
+    RankineParams("rankine") {
         /// Speed at the edge of the core, um/s; positive: from x toward y.
         max_speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the core, um.
@@ -21,32 +19,24 @@ params! {
 }
 
 entry! {
-    RankineParams => Rankine::new, "rankine", XY;
+    RankineParams => Rankine::new, XY;
     "v = V r/R inside, V R/r outside";
     "Saffman, Vortex Dynamics, 2.3";
 }
 
-/// A Rankine vortex about an axis along z.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rankine {
-    center: DVec2,
-    radius: f64,
-    max_speed: f64,
+field! {
+    /// A Rankine vortex about an axis along z.
+    Rankine(RankineParams)
 }
 
 impl Rankine {
-    /// The vortex of these parameters.
-    pub fn new(params: &RankineParams) -> Result<Self> {
-        Ok(Rankine {
-            center: DVec2::from_array(CHECK.all_finite("center_um", params.center_um)?),
-            radius: CHECK.positive("core_radius_um", params.core_radius_um)?,
-            max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
-        })
+    fn center(&self) -> DVec2 {
+        DVec2::from_array(self.0.center_um)
     }
 
     /// Angular velocity (rad/s) at a squared radius `r2` (um^2).
     fn angular_velocity(&self, r2: f64) -> f64 {
-        self.max_speed * self.radius / r2.max(self.radius * self.radius)
+        self.0.max_speed_um_s * self.0.core_radius_um / r2.max(self.0.core_radius_um * self.0.core_radius_um)
     }
 }
 
@@ -54,16 +44,16 @@ impl VelocityField for Rankine {
     facts!(divergence_free, steady);
 
     fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
-        let arm = x.truncate() - self.center;
+        let arm = x.truncate() - self.center();
         (arm.perp() * self.angular_velocity(arm.length_squared())).extend(0.0)
     }
 
     fn gradient(&self, x: DVec3, _t: f64) -> DMat3 {
-        let arm = x.truncate() - self.center;
+        let arm = x.truncate() - self.center();
         let r2 = arm.length_squared();
         let turn = self.angular_velocity(r2);
         // Derivative of the angular velocity with respect to r^2.
-        let slope = if r2 < self.radius * self.radius { 0.0 } else { -turn / r2 };
+        let slope = if r2 < self.0.core_radius_um * self.0.core_radius_um { 0.0 } else { -turn / r2 };
         let mixed = 2.0 * arm.x * arm.y * slope;
         DMat3::from_cols(
             DVec3::new(-mixed, turn + 2.0 * arm.x * arm.x * slope, 0.0),
@@ -73,26 +63,26 @@ impl VelocityField for Rankine {
     }
 
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        let arm = x.truncate() - self.center;
+        let arm = x.truncate() - self.center();
         let (sin, cos) = libm::sincos(self.angular_velocity(arm.length_squared()) * (t1 - t0));
         let turned = DVec2::new(arm.x * cos - arm.y * sin, arm.x * sin + arm.y * cos);
-        Some((self.center + turned).extend(x.z))
+        Some((self.center() + turned).extend(x.z))
     }
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
-        Some((x.truncate() - self.center).length())
+        Some((x.truncate() - self.center()).length())
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        let center = self.center.extend(0.0);
+        let center = self.center().extend(0.0);
         let nearest = region.clearance(center).truncate().length();
         let farthest = region.reach(center).truncate().length();
-        let r = self.radius.clamp(nearest, farthest);
+        let r = self.0.core_radius_um.clamp(nearest, farthest);
         (self.angular_velocity(r * r) * r).abs() * ROUNDING_MARGIN
     }
 
     fn step_limit(&self, _x: DVec3, _t: f64) -> Option<f64> {
-        Some(0.05 * self.radius / self.max_speed.abs())
+        Some(0.05 * self.0.core_radius_um / self.0.max_speed_um_s.abs())
     }
 }
 

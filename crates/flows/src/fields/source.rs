@@ -13,8 +13,6 @@
 use super::plates::Plates;
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("source");
-
 /// Shapes of a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
@@ -30,7 +28,7 @@ pub enum SourceShape {
 
 params! {
     /// Parameters of [`Source`].
-    SourceParams {
+    SourceParams("source") {
         /// A line along z, a point, or a line between two plates.
         shape: SourceShape = SourceShape::Line, [one of], "line, point or hele_shaw";
         /// Radial speed at the edge of the core, um/s; negative: a sink.
@@ -48,7 +46,7 @@ params! {
 }
 
 entry! {
-    SourceParams => Source::new, "source", XY;
+    SourceParams => Source::new, XY;
     "u_r = U (c/r)^(n-1) outside the core, U r/c inside; n = 2 line, 3 point; hele_shaw: times 6 s (1 - s)";
     "Batchelor, An Introduction to Fluid Dynamics, 2.5";
     [
@@ -75,14 +73,15 @@ pub struct Source {
 impl Source {
     /// The source of these parameters.
     pub fn new(params: &SourceParams) -> Result<Self> {
+        let params = params.checked()?;
         let plates = match params.shape {
-            SourceShape::HeleShaw => Some(Plates::new(CHECK, params.walls_z_um)?),
+            SourceShape::HeleShaw => Some(Plates::new(SourceParams::CHECK, params.walls_z_um)?),
             SourceShape::Line | SourceShape::Point => None,
         };
         Ok(Source {
-            center: DVec3::from_array(CHECK.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?),
-            speed: CHECK.finite("core_speed_um_s", params.core_speed_um_s)?,
-            core: CHECK.positive("core_radius_um", params.core_radius_um)?,
+            center: DVec3::from_array(params.center_um.unwrap_or(MID_DEPTH)),
+            speed: params.core_speed_um_s,
+            core: params.core_radius_um,
             point: params.shape == SourceShape::Point,
             plates,
         })
@@ -158,10 +157,6 @@ impl VelocityField for Source {
         Some(arm.x / arm.length())
     }
 
-    fn is_divergence_free(&self) -> bool {
-        false
-    }
-
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         self.plates.map(|plates| plates.wall(x))
     }
@@ -220,6 +215,5 @@ mod tests {
             // A sink reverses the path.
             assert!((source(shape, -1000.0).flow_map(outer, 0.0, 0.1).unwrap() - inner).length() < 1e-12);
         }
-        assert!(Source::new(&SourceParams { core_radius_um: 0.0, ..Default::default() }).is_err());
     }
 }

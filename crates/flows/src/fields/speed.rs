@@ -8,47 +8,30 @@ const MAX_SPEED_UM_S: f64 = 1290.0;
 /// um^3/s in a flow rate of 1 ul/min.
 const UM3_PER_S: f64 = 1e9 / 60.0;
 
-/// The given speed: one of the three, or none.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Speed {
-    pub(super) max_um_s: Option<f64>,
-    pub(super) mean_um_s: Option<f64>,
-    pub(super) flow_rate_ul_min: Option<f64>,
-}
-
-impl Speed {
-    /// The maximum, um/s, in a channel whose mean speed is `mean_share` of it. Errors: more than one of the
-    /// three; a value that is not finite; a flow rate in a channel of unknown cross-section (`area_um2`).
-    pub(super) fn max(
-        self,
-        check: ParameterCheck,
-        mean_share: f64,
-        area_um2: impl FnOnce() -> Result<f64>,
-    ) -> Result<f64> {
-        match self {
-            Speed { max_um_s, mean_um_s: None, flow_rate_ul_min: None } => {
-                check.finite("max_speed_um_s", max_um_s.unwrap_or(MAX_SPEED_UM_S))
-            }
-            Speed { max_um_s: None, mean_um_s: Some(mean), flow_rate_ul_min: None } => {
-                Ok(check.finite("mean_speed_um_s", mean)? / mean_share)
-            }
-            Speed { max_um_s: None, mean_um_s: None, flow_rate_ul_min: Some(rate) } => {
-                let rate = check.finite("flow_rate_ul_min", rate)?;
-                check.finite("flow_rate_ul_min", rate * UM3_PER_S / area_um2()? / mean_share)
-            }
-            Speed { max_um_s, mean_um_s, flow_rate_ul_min } => {
-                let given = [
-                    ("max_speed_um_s", max_um_s),
-                    ("mean_speed_um_s", mean_um_s),
-                    ("flow_rate_ul_min", flow_rate_ul_min),
-                ];
-                let given: Vec<(&str, f64)> =
-                    given.into_iter().filter_map(|(name, value)| Some((name, value?))).collect();
-                let others: Vec<&str> = given[1..].iter().map(|(name, _)| *name).collect();
-                let message =
-                    format!("no value besides {}: only one of them sets the speed", others.join(" and "));
-                Err(check.fault(given[0].0, given[0].1, &message))
-            }
+/// The maximum, um/s, in a channel whose mean speed is `mean_share` of it, from one of maximum (um/s), mean (um/s) and
+/// flow rate (ul/min), or none of them. Errors: more than one of the three; a value that is not finite; a flow rate in
+/// a channel of unknown cross-section (`area_um2`).
+pub(super) fn max_speed(
+    given: [Option<f64>; 3],
+    check: ParameterCheck,
+    mean_share: f64,
+    area_um2: impl FnOnce() -> Result<f64>,
+) -> Result<f64> {
+    match given {
+        [max_um_s, None, None] => check.finite("max_speed_um_s", max_um_s.unwrap_or(MAX_SPEED_UM_S)),
+        [None, Some(mean), None] => Ok(check.finite("mean_speed_um_s", mean)? / mean_share),
+        [None, None, Some(rate)] => {
+            let rate = check.finite("flow_rate_ul_min", rate)?;
+            check.finite("flow_rate_ul_min", rate * UM3_PER_S / area_um2()? / mean_share)
+        }
+        several => {
+            let named = ["max_speed_um_s", "mean_speed_um_s", "flow_rate_ul_min"].into_iter().zip(several);
+            let named: Vec<(&'static str, f64)> =
+                named.filter_map(|(name, value)| Some((name, value?))).collect();
+            let others: Vec<&str> = named[1..].iter().map(|(name, _)| *name).collect();
+            let allowed =
+                format!("no value besides {}: only one of them sets the speed", others.join(" and "));
+            Err(check.fault(named[0].0, named[0].1, &allowed))
         }
     }
 }

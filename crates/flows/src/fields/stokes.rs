@@ -14,12 +14,9 @@
 
 use super::prelude::*;
 
-const SPHERE: ParameterCheck = ParameterCheck("stokes_sphere");
-const CYLINDER: ParameterCheck = ParameterCheck("stokes_cylinder");
-
 params! {
     /// Parameters of [`StokesSphere`].
-    StokesSphereParams {
+    StokesSphereParams("stokes_sphere") {
         /// Velocity far from the sphere, um/s.
         velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], [finite];
         /// Radius of the sphere, um.
@@ -32,7 +29,7 @@ params! {
 }
 
 entry! {
-    StokesSphereParams => StokesSphere::new, "stokes_sphere", XY;
+    StokesSphereParams => StokesSphere::new, XY;
     "u = U - (3a/4) (U/r + x (U.x)/r^3) - (a^3/4) (U/r^3 - 3 x (U.x)/r^5)";
     "Batchelor, An Introduction to Fluid Dynamics, 4.9";
     [("oblique", || {
@@ -43,7 +40,7 @@ entry! {
 
 params! {
     /// Parameters of [`StokesCylinder`].
-    StokesCylinderParams {
+    StokesCylinderParams("stokes_cylinder") {
         /// Speed along x on the surface of the cell and outside it, um/s.
         speed_um_s: f64 = 1290.0, [finite];
         /// Radius of the cylinder, um.
@@ -57,40 +54,36 @@ params! {
 }
 
 entry! {
-    StokesCylinderParams => StokesCylinder::new, "stokes_cylinder", XY;
+    StokesCylinderParams => StokesCylinder::new, XY;
     "psi = (A r + B/r + C r ln(r/a) + D r^3) sin theta between cylinder and cell, uniform beyond";
     "Happel & Brenner, Low Reynolds Number Hydrodynamics, 8-6";
 }
 
-/// Creeping flow around a sphere at rest.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StokesSphere {
-    center: DVec3,
-    velocity: DVec3,
-    radius: f64,
+field! {
+    /// Creeping flow around a sphere at rest.
+    StokesSphere(StokesSphereParams)
 }
 
 impl StokesSphere {
-    /// The flow of these parameters.
-    pub fn new(params: &StokesSphereParams) -> Result<Self> {
-        Ok(StokesSphere {
-            center: DVec3::from_array(SPHERE.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?),
-            velocity: DVec3::from_array(SPHERE.all_finite("velocity_um_s", params.velocity_um_s)?),
-            radius: SPHERE.positive("radius_um", params.radius_um)?,
-        })
+    fn center(&self) -> DVec3 {
+        DVec3::from_array(self.0.center_um.unwrap_or(MID_DEPTH))
+    }
+
+    fn velocity_far_away(&self) -> DVec3 {
+        DVec3::from_array(self.0.velocity_um_s)
     }
 }
 
 impl Formula for StokesSphere {
     fn formula<S: Real>(&self, x: [S; 3], _t: f64) -> [S; 3] {
-        let arm: [S; 3] = std::array::from_fn(|i| x[i] - self.center[i]);
+        let (center, u, radius) = (self.center(), self.velocity_far_away(), self.0.radius_um);
+        let arm: [S; 3] = std::array::from_fn(|i| x[i] - center[i]);
         let r2 = arm[0].squared() + arm[1].squared() + arm[2].squared();
-        if r2.value() < self.radius * self.radius {
+        if r2.value() < radius * radius {
             return [S::constant(0.0); 3];
         }
-        let u = self.velocity;
         let along = arm[0] * u.x + arm[1] * u.y + arm[2] * u.z;
-        let ratio = S::constant(self.radius) / r2.sqrt();
+        let ratio = S::constant(radius) / r2.sqrt();
         let cube = ratio * ratio.squared();
         let outward = along / r2 * (cube - ratio) * 0.75;
         let share = -(ratio * 3.0 + cube) * 0.25 + 1.0;
@@ -103,23 +96,20 @@ impl VelocityField for StokesSphere {
     facts!(divergence_free, steady);
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
-        let arm = x - self.center;
-        let rho2 = self
-            .velocity
-            .try_normalize()
-            .map_or(0.0, |axis| arm.reject_from_normalized(axis).length_squared());
-        let ratio = (self.radius / arm.length()).min(1.0);
+        let (arm, axis) = (x - self.center(), self.velocity_far_away().try_normalize());
+        let rho2 = axis.map_or(0.0, |axis| arm.reject_from_normalized(axis).length_squared());
+        let ratio = (self.0.radius_um / arm.length()).min(1.0);
         Some(0.5 * rho2 * (1.0 - 1.5 * ratio + 0.5 * ratio * ratio * ratio))
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
-        Some(Wall::outside(x - self.center, self.radius))
+        Some(Wall::outside(x - self.center(), self.0.radius_um))
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         // With q = a/r, the speed relative to U is 1 - 3/4 q - 1/4 q^3 across the flow and 1 - 3/2 q + 1/2
         // q^3 along it: at most 1.
-        self.velocity.length() * ROUNDING_MARGIN
+        self.velocity_far_away().length() * ROUNDING_MARGIN
     }
 }
 
@@ -139,15 +129,12 @@ pub struct StokesCylinder {
 impl StokesCylinder {
     /// The flow of these parameters.
     pub fn new(params: &StokesCylinderParams) -> Result<Self> {
-        let radius = CYLINDER.positive("radius_um", params.radius_um)?;
-        let cell = CYLINDER.positive("cell_radius_um", params.cell_radius_um)?;
+        let StokesCylinderParams { speed_um_s: speed, radius_um: radius, cell_radius_um: cell, center_um } =
+            params.checked()?;
         let b = cell / radius;
         if b.is_nan() || b <= 1.05 {
-            return Err(CYLINDER.fault(
-                "cell_radius_um",
-                cell,
-                &format!("a number > 1.05 radius_um = {}", 1.05 * radius),
-            ));
+            let allowed = format!("a number > 1.05 radius_um = {}", 1.05 * radius);
+            return Err(StokesCylinderParams::CHECK.fault("cell_radius_um", cell, &allowed));
         }
         // No slip gives B = -A - D and C = -2A - 4D, which leaves two equations for A and D.
         let ln = libm::log(b);
@@ -159,8 +146,8 @@ impl StokesCylinder {
         let a = (rows[0][2] * rows[1][1] - rows[0][1] * rows[1][2]) / determinant;
         let d = (rows[0][0] * rows[1][2] - rows[0][2] * rows[1][0]) / determinant;
         let mut field = StokesCylinder {
-            center: DVec2::from_array(CYLINDER.all_finite("center_um", params.center_um)?),
-            speed: CYLINDER.finite("speed_um_s", params.speed_um_s)?,
+            center: DVec2::from_array(center_um),
+            speed,
             radius,
             cell,
             coefficients: [a, -a - d, -2.0 * a - 4.0 * d, d],
@@ -208,7 +195,7 @@ impl Formula for StokesCylinder {
 
 impl VelocityField for StokesCylinder {
     by_formula!();
-    facts!(divergence_free, steady);
+    facts!(divergence_free, steady, walls_same_along(false, false, true));
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         let arm = (x.truncate() - self.center) / self.radius;
@@ -220,10 +207,6 @@ impl VelocityField for StokesCylinder {
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         Some(Wall::outside((x.truncate() - self.center).extend(0.0), self.radius))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [false, false, true]
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {

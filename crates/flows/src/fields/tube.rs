@@ -5,13 +5,11 @@
 //! the velocity is zero.
 
 use super::prelude::*;
-use super::speed::Speed;
-
-const CHECK: ParameterCheck = ParameterCheck("tube");
+use super::speed::max_speed;
 
 params! {
     /// Parameters of [`Tube`].
-    TubeParams {
+    TubeParams("tube") {
         /// Speed on the axis, um/s.
         #[otherwise = "1290.0"]
         max_speed_um_s: Option<f64> = None, [finite];
@@ -32,7 +30,7 @@ params! {
 }
 
 entry! {
-    TubeParams => Tube::new, "tube", YZ;
+    TubeParams => Tube::new, YZ;
     "u = U (1 - r^2 / R^2) along x";
     "Landau & Lifshitz, Fluid Mechanics, 17";
     {
@@ -48,17 +46,14 @@ entry! {
 }
 
 impl TubeParams {
-    fn radius(&self) -> Result<f64> {
-        CHECK.positive("radius_um", self.radius_um.unwrap_or(0.5 * (CHANNEL[1] - CHANNEL[0])))
+    fn radius(&self) -> f64 {
+        self.radius_um.unwrap_or(0.5 * (CHANNEL[1] - CHANNEL[0]))
     }
 
     fn max_speed(&self) -> Result<f64> {
-        let speed = Speed {
-            max_um_s: self.max_speed_um_s,
-            mean_um_s: self.mean_speed_um_s,
-            flow_rate_ul_min: self.flow_rate_ul_min,
-        };
-        speed.max(CHECK, 0.5, || self.radius().map(|radius| PI * radius * radius))
+        self.checked()?;
+        let speeds = [self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min];
+        max_speed(speeds, Self::CHECK, 0.5, || Ok(PI * self.radius() * self.radius()))
     }
 }
 
@@ -73,13 +68,9 @@ pub struct Tube {
 impl Tube {
     /// The flow of these parameters.
     pub fn new(params: &TubeParams) -> Result<Self> {
-        Ok(Tube {
-            center: DVec2::from_array(
-                CHECK.all_finite("center_yz_um", params.center_yz_um.unwrap_or([0.0, MID_DEPTH[2]]))?,
-            ),
-            radius: params.radius()?,
-            max_speed: params.max_speed()?,
-        })
+        let params = params.checked()?;
+        let center = DVec2::from_array(params.center_yz_um.unwrap_or([0.0, MID_DEPTH[2]]));
+        Ok(Tube { center, radius: params.radius(), max_speed: params.max_speed()? })
     }
 }
 
@@ -94,7 +85,7 @@ impl Formula for Tube {
 
 impl VelocityField for Tube {
     by_formula!();
-    facts!(divergence_free, steady, straight);
+    facts!(divergence_free, steady, straight, walls_same_along(true, false, false));
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some((DVec2::new(x.y, x.z) - self.center).length())
@@ -103,10 +94,6 @@ impl VelocityField for Tube {
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
         let arm = DVec3::new(0.0, x.y - self.center.x, x.z - self.center.y);
         Some(Wall::inside(arm, self.radius))
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        [true, false, false]
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
@@ -128,6 +115,5 @@ mod tests {
             [1290.0, 0.0, 0.0, 0.0]
         );
         assert!((speed(30.0, -70.0)).abs() < 1e-12 && (speed(25.0, -30.0) - 967.5).abs() < 1e-10);
-        assert!(Tube::new(&TubeParams { radius_um: Some(-1.0), ..Default::default() }).is_err());
     }
 }

@@ -16,8 +16,6 @@
 use super::plates::Plates;
 use super::prelude::*;
 
-const CHECK: ParameterCheck = ParameterCheck("womersley");
-
 /// Largest Womersley number for which the series is accurate.
 const MAX_WO: f64 = 40.0;
 
@@ -34,7 +32,7 @@ pub enum CrossSection {
 
 params! {
     /// Parameters of [`Womersley`].
-    WomersleyParams {
+    WomersleyParams("womersley") {
         /// Two plates, or a tube whose diameter is the distance between floor and ceiling.
         cross_section: CrossSection = CrossSection::Plane, [one of], "plane or tube";
         /// Steady part of the mean velocity over the cross-section, um/s.
@@ -55,7 +53,7 @@ params! {
 }
 
 entry! {
-    WomersleyParams => Womersley::new, "womersley", XZ;
+    WomersleyParams => Womersley::new, XZ;
     "u = Us P0 + Re(A P e^(iwt)), plane P = (1 - cosh(L eta)/cosh L) / (1 - tanh(L)/L), L = sqrt(i) Wo; tube with J0";
     "Womersley, J. Physiol. 127 (1955) 553";
     [
@@ -72,33 +70,8 @@ entry! {
     walls_z_um: walls;
 }
 
-/// A complex number.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Complex {
-    re: f64,
-    im: f64,
-}
-
-impl Complex {
-    const ZERO: Complex = Complex { re: 0.0, im: 0.0 };
-
-    fn add(self, other: Complex) -> Complex {
-        Complex { re: self.re + other.re, im: self.im + other.im }
-    }
-
-    fn times(self, factor: f64) -> Complex {
-        Complex { re: self.re * factor, im: self.im * factor }
-    }
-
-    fn mul(self, other: Complex) -> Complex {
-        Complex { re: self.re * other.re - self.im * other.im, im: self.re * other.im + self.im * other.re }
-    }
-
-    fn inverse(self) -> Complex {
-        let norm = self.re * self.re + self.im * self.im;
-        Complex { re: self.re / norm, im: -self.im / norm }
-    }
-}
+/// A complex number: the real and the imaginary part.
+type Complex = DVec2;
 
 /// Pulsating flow along x between plates or in a tube.
 #[derive(Debug, Clone, PartialEq)]
@@ -120,28 +93,22 @@ pub struct Womersley {
 impl Womersley {
     /// The flow of these parameters.
     pub fn new(params: &WomersleyParams) -> Result<Self> {
-        let plates = Plates::new(CHECK, params.walls_z_um)?;
-        let omega = 2.0 * PI * CHECK.positive("frequency_hz", params.frequency_hz)?;
-        let viscosity = CHECK.positive("viscosity_um2_s", params.viscosity_um2_s)?;
-        let wo = 0.5 * plates.depth * libm::sqrt(omega / viscosity);
+        let (params, check) = (params.checked()?, WomersleyParams::CHECK);
+        let plates = Plates::new(check, params.walls_z_um)?;
+        let omega = 2.0 * PI * params.frequency_hz;
+        let wo = 0.5 * plates.depth * libm::sqrt(omega / params.viscosity_um2_s);
         if wo.is_nan() || wo > MAX_WO {
-            return Err(CHECK.fault(
-                "Womersley number",
-                wo,
-                "at most 40: a lower frequency_hz or a higher viscosity_um2_s",
-            ));
+            let allowed = "at most 40: a lower frequency_hz or a higher viscosity_um2_s";
+            return Err(check.fault("Womersley number", wo, allowed));
         }
-        let axis = match params.cross_section {
-            CrossSection::Plane => None,
-            CrossSection::Tube => Some(CHECK.finite("center_y_um", params.center_y_um)?),
-        };
+        let axis = (params.cross_section == CrossSection::Tube).then_some(params.center_y_um);
         let series = series(params.cross_section, wo);
-        let total = series.iter().fold(Complex::ZERO, |sum, term| sum.add(*term));
+        let total = series.iter().sum();
         let mut field = Womersley {
             plates,
             axis,
-            steady: CHECK.finite("steady_speed_um_s", params.steady_speed_um_s)?,
-            amplitude: CHECK.finite("amplitude_um_s", params.amplitude_um_s)?,
+            steady: params.steady_speed_um_s,
+            amplitude: params.amplitude_um_s,
             omega,
             series,
             total,
@@ -150,7 +117,7 @@ impl Womersley {
         // The maximum is within 1/4000 of a node, where |P| differs from it by a factor of less than 1 +
         // (Wo/4000)^2.
         let nodes = (0..=2000).map(|i| f64::from(i) / 2000.0);
-        let size = |p: Complex| libm::hypot(p.re, p.im);
+        let size = |p: Complex| libm::hypot(p.x, p.y);
         field.peak = 1.001 * nodes.map(|eta| size(field.pulse(eta * eta).0)).fold(0.0, f64::max);
         Ok(field)
     }
@@ -173,11 +140,11 @@ impl Womersley {
     fn pulse(&self, eta2: f64) -> (Complex, Complex) {
         let (mut sum, mut slope) = (Complex::ZERO, Complex::ZERO);
         for term in self.series.iter().rev() {
-            slope = slope.times(eta2).add(sum);
-            sum = sum.times(eta2).add(*term);
+            slope = slope * eta2 + sum;
+            sum = sum * eta2 + *term;
         }
         // SUM c_k eta^2k = eta2 * sum.
-        (self.total.add(sum.times(-eta2)), sum.add(slope.times(eta2)).times(-1.0))
+        (self.total + sum * -eta2, -(sum + slope * eta2))
     }
 
     /// P_0 and dP_0/d(eta^2).
@@ -193,13 +160,13 @@ impl Womersley {
             return (0.0, 0.0);
         }
         let ((p0, slope0), (p, slope)) = (self.parabola(eta2), self.pulse(eta2));
-        (steady * p0 + pulse.mul(p).re, steady * slope0 + pulse.mul(slope).re)
+        (steady * p0 + pulse.rotate(p).x, steady * slope0 + pulse.rotate(slope).x)
     }
 
     /// A e^(iwt).
     fn drive(&self, t: f64) -> Complex {
         let (sin, cos) = libm::sincos(self.omega * t);
-        Complex { re: cos, im: sin }.times(self.amplitude)
+        Complex::new(cos, sin) * self.amplitude
     }
 }
 
@@ -208,20 +175,20 @@ impl Womersley {
 /// (1 - eta^2k).
 fn series(cross_section: CrossSection, wo: f64) -> Vec<Complex> {
     let tube = cross_section == CrossSection::Tube;
-    let q = Complex { re: 0.0, im: if tube { 0.25 * wo * wo } else { wo * wo } };
-    let mut term = Complex { re: if tube { 1.0 } else { 0.5 }, im: 0.0 };
+    let q = Complex::new(0.0, if tube { 0.25 * wo * wo } else { wo * wo });
+    let mut term = Complex::new(if tube { 1.0 } else { 0.5 }, 0.0);
     let mut terms = Vec::new();
     let mut mean = Complex::ZERO;
     // The largest terms have k = Wo/2; 40 terms later they are below 1e-30 of the sum.
     for k in 1..=(60 + wo as u32) {
         let k = f64::from(k);
         terms.push(term);
-        mean = mean.add(term.times(if tube { k / (k + 1.0) } else { 2.0 * k / (2.0 * k + 1.0) }));
+        mean += term * if tube { k / (k + 1.0) } else { 2.0 * k / (2.0 * k + 1.0) };
         let ratio = if tube { (k + 1.0) * (k + 1.0) } else { (2.0 * k + 1.0) * (2.0 * k + 2.0) };
-        term = term.mul(q).times(1.0 / ratio);
+        term = term.rotate(q) * (1.0 / ratio);
     }
-    let unit = mean.inverse();
-    terms.into_iter().map(|term| term.mul(unit)).collect()
+    let inverse = Complex::new(mean.x, -mean.y) / mean.length_squared();
+    terms.into_iter().map(|term| term.rotate(inverse)).collect()
 }
 
 impl VelocityField for Womersley {
@@ -241,7 +208,7 @@ impl VelocityField for Womersley {
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
         // The integral of e^(iwt) is its value at the mid-time times 2 sin(w dt / 2) / w.
         let weight = 2.0 * libm::sin(0.5 * self.omega * (t1 - t0)) / self.omega;
-        let pulse = self.drive(0.5 * (t0 + t1)).times(weight);
+        let pulse = self.drive(0.5 * (t0 + t1)) * weight;
         let way = self.speed(self.place(x).length_squared(), self.steady * (t1 - t0), pulse).0;
         Some(x + DVec3::X * way)
     }
@@ -364,6 +331,5 @@ mod tests {
             message.starts_with("womersley: Womersley number = ") && message.contains("at most 40"),
             "{message}"
         );
-        assert!(Womersley::new(&WomersleyParams { frequency_hz: 0.0, ..Default::default() }).is_err());
     }
 }

@@ -14,6 +14,27 @@
 //! rate a / L) and modulation (time is the integral of g). Walls of f are transformed with it; the fluid of a
 //! sum is the intersection of the fluids of its terms.
 
+/// What a composition of one field takes from it: whether it is divergence-free, the field that particles of a
+/// diameter follow and, with `same_walls`, the axes along which walls do not change.
+macro_rules! like_inner {
+    ($type:ident, same_walls) => {
+        like_inner!($type);
+
+        fn walls_same_along(&self) -> [bool; 3] {
+            self.inner.walls_same_along()
+        }
+    };
+    ($type:ident) => {
+        fn is_divergence_free(&self) -> bool {
+            self.inner.is_divergence_free()
+        }
+
+        fn for_diameter(&self, d_um: f64) -> Option<Inner> {
+            Some(std::sync::Arc::new($type { inner: self.inner.for_diameter(d_um)?, ..*self }))
+        }
+    };
+}
+
 mod entries;
 mod placed;
 mod scaled;
@@ -27,11 +48,9 @@ pub use scaled::ScaledParams;
 pub use sum::Sum;
 pub use unsteady::{ModulatedParams, MovingParams};
 
-use crate::error::Result;
-use crate::field::VelocityField;
+use crate::{Result, VelocityField};
 use std::sync::Arc;
 
-/// The inner field of a composition.
 type Inner = Arc<dyn VelocityField>;
 type Field = Box<dyn VelocityField>;
 

@@ -3,15 +3,10 @@
 use super::{Field, Inner, Transform};
 use crate::fields::prelude::*;
 use glam::DQuat;
-use std::sync::Arc;
-
-const TRANSLATED: ParameterCheck = ParameterCheck("translated");
-const ROTATED: ParameterCheck = ParameterCheck("rotated");
-const MIRRORED: ParameterCheck = ParameterCheck("mirrored");
 
 params! {
     /// Parameters of a translated field.
-    TranslatedParams {
+    TranslatedParams("translated") {
         /// Displacement of the field, um.
         offset_um: [f64; 3] = [0.0, 0.0, 0.0], [finite];
     }
@@ -19,7 +14,7 @@ params! {
 
 params! {
     /// Parameters of a field rotated about an axis.
-    RotatedParams {
+    RotatedParams("rotated") {
         /// Direction of the axis.
         axis: [f64; 3] = [0.0, 0.0, 1.0], [finite], "not all zero";
         /// Angle of rotation, rad; a positive angle about z is clockwise on the screen.
@@ -32,7 +27,7 @@ params! {
 
 params! {
     /// Parameters of a field reflected at a plane.
-    MirroredParams {
+    MirroredParams("mirrored") {
         /// Axis normal to the mirror plane.
         axis: Axis = Axis::X, [one of], "x, y or z";
         /// Position of the mirror plane on this axis, um.
@@ -66,6 +61,8 @@ impl Placed {
 }
 
 impl VelocityField for Placed {
+    like_inner!(Placed);
+
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
         self.turn * self.inner.velocity(self.inward(x), t)
     }
@@ -80,10 +77,6 @@ impl VelocityField for Placed {
 
     fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
         self.inner.invariant(self.inward(x), t)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        self.inner.is_divergence_free()
     }
 
     fn is_steady(&self) -> bool {
@@ -110,10 +103,6 @@ impl VelocityField for Placed {
         if is_turned { [false; 3] } else { self.inner.walls_same_along() }
     }
 
-    fn for_diameter(&self, d_um: f64) -> Option<Inner> {
-        Some(Arc::new(Placed { inner: self.inner.for_diameter(d_um)?, ..*self }))
-    }
-
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
         let inward = self.inward(x);
         let held = self.inner.confine(inward, t, radius);
@@ -124,29 +113,27 @@ impl VelocityField for Placed {
 
 impl Transform for TranslatedParams {
     fn apply(&self, inner: Field) -> Result<Field> {
-        let offset = DVec3::from_array(TRANSLATED.all_finite("offset_um", self.offset_um)?);
+        let offset = DVec3::from_array(self.checked()?.offset_um);
         Ok(Placed::field(inner, DMat3::IDENTITY, DVec3::ZERO, offset))
     }
 }
 
 impl Transform for RotatedParams {
     fn apply(&self, inner: Field) -> Result<Field> {
-        let axis = DVec3::from_array(ROTATED.all_finite("axis", self.axis)?);
-        let center = DVec3::from_array(ROTATED.all_finite("center_um", self.center_um)?);
-        let half = 0.5 * ROTATED.finite("angle_rad", self.angle_rad)?;
-        let Some(axis) = axis.try_normalize() else {
-            return Err(ROTATED.fault("axis", format!("{:?}", self.axis), "a vector other than zero"));
+        let RotatedParams { axis, angle_rad, center_um } = self.checked()?;
+        let Some(axis) = DVec3::from_array(axis).try_normalize() else {
+            return Err(Self::CHECK.fault("axis", format!("{axis:?}"), "a vector other than zero"));
         };
-        let (sin, cos) = libm::sincos(half);
+        let (sin, cos) = libm::sincos(0.5 * angle_rad);
         let turn = DMat3::from_quat(DQuat::from_xyzw(axis.x * sin, axis.y * sin, axis.z * sin, cos));
-        Ok(Placed::field(inner, turn, center, DVec3::ZERO))
+        Ok(Placed::field(inner, turn, DVec3::from_array(center_um), DVec3::ZERO))
     }
 }
 
 /// Vortices rotate in the opposite sense.
 impl Transform for MirroredParams {
     fn apply(&self, inner: Field) -> Result<Field> {
-        let center = self.axis.unit() * MIRRORED.finite("at_um", self.at_um)?;
+        let center = self.axis.unit() * self.checked()?.at_um;
         let turn = DMat3::from_diagonal(DVec3::ONE - 2.0 * self.axis.unit());
         Ok(Placed::field(inner, turn, center, DVec3::ZERO))
     }

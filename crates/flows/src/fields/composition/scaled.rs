@@ -2,13 +2,10 @@
 
 use super::{Field, Inner, Transform};
 use crate::fields::prelude::*;
-use std::sync::Arc;
-
-const SCALED: ParameterCheck = ParameterCheck("scaled");
 
 params! {
     /// Parameters of a field with scaled velocities and lengths.
-    ScaledParams {
+    ScaledParams("scaled") {
         /// Factor by which velocities are multiplied.
         velocity_factor: f64 = 1.0, [finite];
         /// Factor by which lengths are multiplied.
@@ -19,7 +16,6 @@ params! {
     }
 }
 
-/// A field with scaled velocities and lengths.
 #[derive(Debug)]
 struct Scaled {
     inner: Inner,
@@ -30,12 +26,8 @@ struct Scaled {
 
 impl Transform for ScaledParams {
     fn apply(&self, inner: Field) -> Result<Field> {
-        Ok(Box::new(Scaled {
-            inner: inner.into(),
-            velocity: SCALED.finite("velocity_factor", self.velocity_factor)?,
-            length: SCALED.positive("length_factor", self.length_factor)?,
-            center: DVec3::from_array(SCALED.all_finite("center_um", self.center_um)?),
-        }))
+        let ScaledParams { velocity_factor: velocity, length_factor: length, center_um } = self.checked()?;
+        Ok(Box::new(Scaled { inner: inner.into(), velocity, length, center: DVec3::from_array(center_um) }))
     }
 }
 
@@ -50,6 +42,9 @@ impl Scaled {
 }
 
 impl VelocityField for Scaled {
+    // The inner field uses the physical particle diameter, which is not scaled.
+    like_inner!(Scaled, same_walls);
+
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
         self.inner.velocity(self.inward(x), t) * self.velocity
     }
@@ -68,10 +63,6 @@ impl VelocityField for Scaled {
     fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
         let similar = self.inner.is_steady() || self.velocity == self.length;
         if similar { self.inner.invariant(self.inward(x), t) } else { None }
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        self.inner.is_divergence_free()
     }
 
     fn is_steady(&self) -> bool {
@@ -96,19 +87,10 @@ impl VelocityField for Scaled {
         Some(Wall { clearance_um: wall.clearance_um * self.length, ..wall })
     }
 
-    fn walls_same_along(&self) -> [bool; 3] {
-        self.inner.walls_same_along()
-    }
-
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
         let inward = self.inward(x);
         let held = self.inner.confine(inward, t, radius / self.length);
         // A particle that overlaps no wall keeps its position bit for bit.
         if held == inward { x } else { self.outward(held) }
-    }
-
-    /// The inner field uses the physical particle diameter, which is not scaled.
-    fn for_diameter(&self, d_um: f64) -> Option<Inner> {
-        Some(Arc::new(Scaled { inner: self.inner.for_diameter(d_um)?, ..*self }))
     }
 }

@@ -2,14 +2,10 @@
 
 use super::{Field, Inner, Transform};
 use crate::fields::prelude::*;
-use std::sync::Arc;
-
-const MOVING: ParameterCheck = ParameterCheck("moving");
-const MODULATED: ParameterCheck = ParameterCheck("modulated");
 
 params! {
     /// Parameters of a field in a moving frame.
-    MovingParams {
+    MovingParams("moving") {
         /// Velocity of the moving frame, um/s.
         velocity_um_s: [f64; 3] = [0.0, 0.0, 0.0], [finite];
     }
@@ -17,7 +13,7 @@ params! {
 
 params! {
     /// Parameters of a field multiplied by a function of time.
-    ModulatedParams {
+    ModulatedParams("modulated") {
         /// Mean m of the modulation factor.
         mean: f64 = 1.0, [finite];
         /// Amplitude a of the modulation factor.
@@ -29,7 +25,6 @@ params! {
     }
 }
 
-/// A field in a moving frame.
 #[derive(Debug)]
 struct Moving {
     inner: Inner,
@@ -38,7 +33,7 @@ struct Moving {
 
 impl Transform for MovingParams {
     fn apply(&self, inner: Field) -> Result<Field> {
-        let velocity = DVec3::from_array(MOVING.all_finite("velocity_um_s", self.velocity_um_s)?);
+        let velocity = DVec3::from_array(self.checked()?.velocity_um_s);
         Ok(Box::new(Moving { inner: inner.into(), velocity }))
     }
 }
@@ -50,6 +45,8 @@ impl Moving {
 }
 
 impl VelocityField for Moving {
+    like_inner!(Moving, same_walls);
+
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
         self.velocity + self.inner.velocity(self.inward(x, t), t)
     }
@@ -64,10 +61,6 @@ impl VelocityField for Moving {
 
     fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
         self.inner.invariant(self.inward(x, t), t)
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        self.inner.is_divergence_free()
     }
 
     fn is_steady(&self) -> bool {
@@ -89,21 +82,12 @@ impl VelocityField for Moving {
         self.inner.wall(self.inward(x, t), t)
     }
 
-    fn walls_same_along(&self) -> [bool; 3] {
-        self.inner.walls_same_along()
-    }
-
-    fn for_diameter(&self, d_um: f64) -> Option<Inner> {
-        Some(Arc::new(Moving { inner: self.inner.for_diameter(d_um)?, ..*self }))
-    }
-
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
         let inward = self.inward(x, t);
         x + (self.inner.confine(inward, t, radius) - inward)
     }
 }
 
-/// A field multiplied by a function of time.
 #[derive(Debug)]
 struct Modulated {
     inner: Inner,
@@ -115,13 +99,9 @@ struct Modulated {
 
 impl Transform for ModulatedParams {
     fn apply(&self, inner: Field) -> Result<Field> {
-        Ok(Box::new(Modulated {
-            inner: inner.into(),
-            mean: MODULATED.finite("mean", self.mean)?,
-            amplitude: MODULATED.finite("amplitude", self.amplitude)?,
-            omega: 2.0 * PI * MODULATED.not_negative("frequency_hz", self.frequency_hz)?,
-            phase: MODULATED.finite("phase_rad", self.phase_rad)?,
-        }))
+        let ModulatedParams { mean, amplitude, frequency_hz, phase_rad: phase } = self.checked()?;
+        let omega = 2.0 * PI * frequency_hz;
+        Ok(Box::new(Modulated { inner: inner.into(), mean, amplitude, omega, phase }))
     }
 }
 
@@ -141,6 +121,8 @@ impl Modulated {
 }
 
 impl VelocityField for Modulated {
+    like_inner!(Modulated, same_walls);
+
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
         self.inner.velocity(x, t) * self.factor(t)
     }
@@ -155,10 +137,6 @@ impl VelocityField for Modulated {
 
     fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
         if self.inner.is_steady() { self.inner.invariant(x, t) } else { None }
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        self.inner.is_divergence_free()
     }
 
     fn is_steady(&self) -> bool {
@@ -180,14 +158,6 @@ impl VelocityField for Modulated {
 
     fn wall(&self, x: DVec3, t: f64) -> Option<Wall> {
         self.inner.wall(x, t)
-    }
-
-    fn walls_same_along(&self) -> [bool; 3] {
-        self.inner.walls_same_along()
-    }
-
-    fn for_diameter(&self, d_um: f64) -> Option<Inner> {
-        Some(Arc::new(Modulated { inner: self.inner.for_diameter(d_um)?, ..*self }))
     }
 
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {

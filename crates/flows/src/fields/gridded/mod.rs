@@ -332,10 +332,6 @@ impl VelocityField for Gridded {
         self.look_up(x, t, true).1
     }
 
-    fn is_divergence_free(&self) -> bool {
-        false
-    }
-
     fn is_steady(&self) -> bool {
         self.times_s.len() == 1
     }
