@@ -14,9 +14,7 @@
 //! A sphere settles at drho g d^2 / (18 mu) (Stokes). The friction of a spheroid differs along and across its
 //! axis, so that it also drifts sideways when it settles.
 
-use crate::error::{ParameterCheck, Result};
-use crate::friction::SpheroidFriction;
-use crate::liquid::Liquid;
+use crate::{Liquid, ParameterCheck, Result, SpheroidFriction};
 use glam::DVec3;
 use microsig_core::random::normal;
 use microsig_core::stream::Stream;
@@ -135,8 +133,7 @@ impl Settling {
     pub fn new(density_difference_kg_m3: f64, liquid: &Liquid, direction: DVec3) -> Result<Self> {
         SETTLING.finite("density_difference_kg_m3", density_difference_kg_m3)?;
         let viscosity = liquid.checked()?.viscosity_pa_s;
-        let down = SETTLING.finite_vector("direction", direction)?.try_normalize();
-        let down = down.ok_or_else(|| SETTLING.fault("direction", direction, "a vector other than zero"))?;
+        let down = SETTLING.direction("direction", direction)?;
         // d^2 in um^2 is 1e-12 m^2, and 1 m/s is 1e6 um/s.
         let speed = density_difference_kg_m3 * GRAVITY / (18.0 * viscosity) * 1e-6;
         Ok(Settling { unit: down * SETTLING.finite("density_difference_kg_m3 over viscosity_pa_s", speed)? })

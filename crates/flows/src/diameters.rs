@@ -21,23 +21,18 @@ const ALIKE: f64 = 1.1;
 
 /// A distribution of diameters, um.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Diameters(DiameterDistribution);
+pub struct Diameters(Distribution);
 
 #[derive(Debug, Clone, PartialEq)]
-enum DiameterDistribution {
+enum Distribution {
     Equal(f64),
     Uniform {
         min: f64,
         max: f64,
     },
+    /// Truncated; lognormal if `log`: `mean` and `sd` refer to ln d.
     Normal {
-        mean: f64,
-        sd: f64,
-        min: f64,
-        max: f64,
-    },
-    /// `mean` and `sd` refer to ln d.
-    Lognormal {
+        log: bool,
         mean: f64,
         sd: f64,
         min: f64,
@@ -50,13 +45,13 @@ enum DiameterDistribution {
 impl Diameters {
     /// All diameters equal, um, > 0.
     pub fn equal(diameter: f64) -> Result<Self> {
-        Ok(Diameters(DiameterDistribution::Equal(CHECK.positive("diameter_um", diameter)?)))
+        Ok(Diameters(Distribution::Equal(CHECK.positive("diameter_um", diameter)?)))
     }
 
     /// Uniform between `min` and `max`, um, 0 < min <= max.
     pub fn uniform(min: f64, max: f64) -> Result<Self> {
         check_limits(min, max)?;
-        Ok(Diameters(DiameterDistribution::Uniform { min, max }))
+        Ok(Diameters(Distribution::Uniform { min, max }))
     }
 
     /// Normal distribution (um) truncated to `min`..`max` by redrawing (not by clipping, which would
@@ -64,18 +59,7 @@ impl Diameters {
     pub fn normal(mean: f64, sd: f64, min: f64, max: f64) -> Result<Self> {
         CHECK.positive("mean_um", mean)?;
         CHECK.positive("sd_um", sd)?;
-        check_limits(min, max)?;
-        let kind = DiameterDistribution::Normal { mean, sd, min, max };
-        let share = cumulative((max - mean) / sd) - cumulative((min - mean) / sd);
-        if share < MIN_SHARE {
-            let value = format!("{min}..{max}");
-            return Err(CHECK.fault(
-                "min_um..max_um",
-                value,
-                "limits that contain at least 0.1 % of the distribution",
-            ));
-        }
-        Ok(Diameters(kind))
+        Self::truncated(false, mean, sd, (min, max))
     }
 
     /// Lognormal distribution (um), truncated like [`Diameters::normal`]; `mean` and `sd` are those of the
@@ -83,20 +67,19 @@ impl Diameters {
     pub fn lognormal(mean: f64, sd: f64, min: f64, max: f64) -> Result<Self> {
         CHECK.positive("mean_um", mean)?;
         CHECK.positive("sd_um", sd)?;
-        check_limits(min, max)?;
         let variance = libm::log1p(sd * sd / (mean * mean));
-        let (mu, sigma) = (libm::log(mean) - 0.5 * variance, libm::sqrt(variance));
-        let at = |d: f64| cumulative((libm::log(d) - mu) / sigma);
+        Self::truncated(true, libm::log(mean) - 0.5 * variance, libm::sqrt(variance), (min, max))
+    }
+
+    fn truncated(log: bool, mean: f64, sd: f64, (min, max): (f64, f64)) -> Result<Self> {
+        check_limits(min, max)?;
+        let at = |d: f64| cumulative((if log { libm::log(d) } else { d } - mean) / sd);
         let share = at(max) - at(min);
         if share.is_nan() || share < MIN_SHARE {
-            let value = format!("{min}..{max}");
-            return Err(CHECK.fault(
-                "min_um..max_um",
-                value,
-                "limits that contain at least 0.1 % of the distribution",
-            ));
+            let allowed = "limits that contain at least 0.1 % of the distribution";
+            return Err(CHECK.fault("min_um..max_um", format!("{min}..{max}"), allowed));
         }
-        Ok(Diameters(DiameterDistribution::Lognormal { mean: mu, sd: sigma, min, max }))
+        Ok(Diameters(Distribution::Normal { log, mean, sd, min, max }))
     }
 
     /// A discrete distribution: pairs of a diameter (um, > 0) and its weight (> 0); probabilities are
@@ -116,28 +99,23 @@ impl Diameters {
             sum += weight / total;
             (*diameter, sum)
         });
-        Ok(Diameters(DiameterDistribution::List(list.collect())))
+        Ok(Diameters(Distribution::List(list.collect())))
     }
 
     /// A random diameter, um.
     pub fn draw(&self, stream: &mut Stream) -> f64 {
         match self.0 {
-            DiameterDistribution::Lognormal { mean, sd, min, max } => loop {
-                let diameter = libm::exp(mean + sd * normal(stream));
-                if (min..=max).contains(&diameter) {
-                    break diameter;
-                }
-            },
-            DiameterDistribution::List(ref list) => {
+            Distribution::List(ref list) => {
                 let u = stream.uniform();
                 // Rounding may make the last cumulative weight less than u.
                 let at = list.partition_point(|(_, sum)| *sum <= u).min(list.len() - 1);
                 list[at].0
             }
-            DiameterDistribution::Equal(diameter) => diameter,
-            DiameterDistribution::Uniform { min, max } => min + (max - min) * stream.uniform(),
-            DiameterDistribution::Normal { mean, sd, min, max } => loop {
-                let diameter = mean + sd * normal(stream);
+            Distribution::Equal(diameter) => diameter,
+            Distribution::Uniform { min, max } => min + (max - min) * stream.uniform(),
+            Distribution::Normal { log, mean, sd, min, max } => loop {
+                let drawn = mean + sd * normal(stream);
+                let diameter = if log { libm::exp(drawn) } else { drawn };
                 if (min..=max).contains(&diameter) {
                     break diameter;
                 }
@@ -148,18 +126,18 @@ impl Diameters {
     /// The mean of the truncated distribution, um.
     pub fn mean(&self) -> f64 {
         match self.0 {
-            DiameterDistribution::Equal(diameter) => diameter,
-            DiameterDistribution::Uniform { min, max } => 0.5 * (min + max),
-            DiameterDistribution::Normal { mean, sd, min, max } => {
-                let (low, high) = ((min - mean) / sd, (max - mean) / sd);
-                mean + sd * (density(low) - density(high)) / (cumulative(high) - cumulative(low))
-            }
-            DiameterDistribution::Lognormal { mean, sd, min, max } => {
-                let (low, high) = ((libm::log(min) - mean) / sd, (libm::log(max) - mean) / sd);
+            Distribution::Equal(diameter) => diameter,
+            Distribution::Uniform { min, max } => 0.5 * (min + max),
+            Distribution::Normal { log, mean, sd, min, max } => {
+                let [low, high] = [min, max].map(|d| (if log { libm::log(d) } else { d } - mean) / sd);
                 let share = cumulative(high) - cumulative(low);
-                libm::exp(mean + 0.5 * sd * sd) * (cumulative(high - sd) - cumulative(low - sd)) / share
+                if log {
+                    libm::exp(mean + 0.5 * sd * sd) * (cumulative(high - sd) - cumulative(low - sd)) / share
+                } else {
+                    mean + sd * (density(low) - density(high)) / share
+                }
             }
-            DiameterDistribution::List(ref list) => {
+            Distribution::List(ref list) => {
                 let mut before = 0.0;
                 let terms = list.iter().map(|(diameter, sum)| {
                     let weight = sum - before;
@@ -174,7 +152,7 @@ impl Diameters {
     /// Diameters that represent the distribution, um, increasing: all diameters of a list of up to eight; for
     /// other distributions the 10, 50 and 90 % quantiles, or only the mean if these differ by less than 10 %.
     pub fn representative(&self) -> Vec<f64> {
-        if let DiameterDistribution::List(list) = &self.0 {
+        if let Distribution::List(list) = &self.0 {
             let mut all: Vec<f64> = list.iter().map(|(diameter, _)| *diameter).collect();
             all.sort_by(f64::total_cmp);
             all.dedup();
@@ -206,8 +184,8 @@ impl Diameters {
             halved.0
         };
         let exact = match self.0 {
-            DiameterDistribution::Equal(diameter) => return diameter,
-            DiameterDistribution::List(ref list) => {
+            Distribution::Equal(diameter) => return diameter,
+            Distribution::List(ref list) => {
                 let mut sorted = list.clone();
                 let mut before = 0.0;
                 for entry in &mut sorted {
@@ -221,9 +199,9 @@ impl Diameters {
                 });
                 return found.or(sorted.last()).map_or(0.0, |(diameter, _)| *diameter);
             }
-            DiameterDistribution::Uniform { min, max } => min + share * (max - min),
-            DiameterDistribution::Normal { mean, sd, min, max } => inverse(mean, sd, min, max),
-            DiameterDistribution::Lognormal { mean, sd, min, max } => {
+            Distribution::Uniform { min, max } => min + share * (max - min),
+            Distribution::Normal { log: false, mean, sd, min, max } => inverse(mean, sd, min, max),
+            Distribution::Normal { mean, sd, min, max, .. } => {
                 libm::exp(inverse(mean, sd, libm::log(min), libm::log(max)))
             }
         };
@@ -238,27 +216,21 @@ impl Diameters {
 
     /// The largest diameter that can be drawn, um.
     pub fn max(&self) -> f64 {
-        match self.0 {
-            DiameterDistribution::Equal(diameter) => diameter,
-            DiameterDistribution::Uniform { max, .. }
-            | DiameterDistribution::Normal { max, .. }
-            | DiameterDistribution::Lognormal { max, .. } => max,
-            DiameterDistribution::List(ref list) => {
-                list.iter().map(|(diameter, _)| *diameter).fold(0.0, f64::max)
-            }
-        }
+        self.limits().1
     }
 
     /// The smallest diameter that can be drawn, um.
     pub fn min(&self) -> f64 {
-        match self.0 {
-            DiameterDistribution::Equal(diameter) => diameter,
-            DiameterDistribution::Uniform { min, .. }
-            | DiameterDistribution::Normal { min, .. }
-            | DiameterDistribution::Lognormal { min, .. } => min,
-            DiameterDistribution::List(ref list) => {
-                list.iter().map(|(diameter, _)| *diameter).fold(f64::INFINITY, f64::min)
-            }
+        self.limits().0
+    }
+
+    fn limits(&self) -> (f64, f64) {
+        match &self.0 {
+            Distribution::Equal(diameter) => (*diameter, *diameter),
+            Distribution::Uniform { min, max } | Distribution::Normal { min, max, .. } => (*min, *max),
+            Distribution::List(list) => list
+                .iter()
+                .fold((f64::INFINITY, 0.0), |(min, max): (f64, f64), (d, _)| (min.min(*d), max.max(*d))),
         }
     }
 }
@@ -306,10 +278,7 @@ mod tests {
             // Clipping would put the 34 % of the normal distribution below 1.8 at the limit.
             let least = draws.iter().copied().fold(f64::INFINITY, f64::min);
             let at_least = draws.iter().filter(|d| **d == least).count();
-            assert!(
-                at_least == 1
-                    || matches!(kind.0, DiameterDistribution::Equal(_) | DiameterDistribution::List(_))
-            );
+            assert!(at_least == 1 || matches!(kind.0, Distribution::Equal(_) | Distribution::List(_)));
             assert!(least >= kind.min());
         }
     }

@@ -5,20 +5,20 @@
 //! linearly, along walled axes only, onto the accessible volume. Fields are expected to be tangential at
 //! walls.
 
-use crate::error::{ParameterCheck, Result};
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
+use crate::{Axis, ParameterCheck, Region, Result, Wall};
 use glam::DVec3;
 
-/// Boundary condition at the two faces of the box normal to one axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Type of a boundary of the box.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Boundary {
-    /// Particles leave and enter through the faces.
+    /// Particles enter and leave; the number density is the same outside as inside.
+    #[default]
     Open,
-    /// Solid walls: particle centers stay one radius away.
+    /// A solid wall: particle centers stay at least one radius away from it.
     Wall,
-    /// A particle that leaves through one face enters through the other; the field should have the same
-    /// period.
+    /// Particles that leave on one side enter on the other.
     Periodic,
 }
 

@@ -60,13 +60,17 @@ pub enum Shape {
 
 /// Profile of a light sheet.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(rename = "SheetProfile"))]
 pub enum Profile {
-    /// exp(-8 s^2 / T^2).
+    /// exp(-8 s^2 / T^2) at the distance s from the middle plane.
     Gaussian,
-    /// 1 within the thickness.
+    /// 1 within the thickness, 0 outside.
     TopHat,
-    /// exp(-2 |2 s / T|^n).
-    SuperGaussian(f64),
+    /// exp(-2 |2 s / T|^N), of order N.
+    SuperGaussian(
+        #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 100.0), example = 8.0))] f64,
+    ),
 }
 
 impl Default for Illumination {
@@ -82,11 +86,6 @@ impl Default for Illumination {
     }
 }
 
-fn direction(parameter: &'static str, v: DVec3) -> Result<DVec3> {
-    let unit = CHECK.finite_vector(parameter, v)?.try_normalize();
-    unit.ok_or_else(|| CHECK.fault(parameter, v, "a vector other than zero"))
-}
-
 impl Shape {
     /// A light sheet; `center` and `thickness` (> 0) in um, `normal` of any length but zero.
     pub fn sheet(profile: Profile, center: DVec3, normal: DVec3, thickness: f64) -> Result<Self> {
@@ -98,7 +97,7 @@ impl Shape {
         Ok(Shape::Sheet {
             profile,
             center: CHECK.finite_vector("sheet.center_um", center)?,
-            normal: direction("sheet.normal", normal)?,
+            normal: CHECK.direction("sheet.normal", normal)?,
             thickness: CHECK.positive("sheet.thickness_um", thickness)?,
         })
     }
@@ -111,7 +110,7 @@ impl Shape {
         }
         Ok(Shape::Beam {
             center: CHECK.finite_vector("beam.center_um", center)?,
-            axis: direction("beam.axis", axis)?,
+            axis: CHECK.direction("beam.axis", axis)?,
             waist: CHECK.positive("beam.waist_um", waist)?,
             rayleigh,
         })

@@ -12,10 +12,10 @@ const MAX_SPREAD: f64 = 10.0;
 
 /// A distribution of the factor c_int, dimensionless, >= 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Intensities(IntensityDistribution);
+pub struct Intensities(Distribution);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum IntensityDistribution {
+enum Distribution {
     Equal(f64),
     Uniform { min: f64, max: f64 },
     Normal { mean: f64, sd: f64 },
@@ -25,14 +25,14 @@ enum IntensityDistribution {
 impl Default for Intensities {
     /// All 1.
     fn default() -> Self {
-        Intensities(IntensityDistribution::Equal(1.0))
+        Intensities(Distribution::Equal(1.0))
     }
 }
 
 impl Intensities {
     /// All factors equal, >= 0.
     pub fn equal(factor: f64) -> Result<Self> {
-        Ok(Intensities(IntensityDistribution::Equal(CHECK.not_negative("factor", factor)?)))
+        Ok(Intensities(Distribution::Equal(CHECK.not_negative("factor", factor)?)))
     }
 
     /// Uniform between `min` and `max`, 0 <= min <= max.
@@ -42,7 +42,7 @@ impl Intensities {
         if min > max {
             return Err(CHECK.fault("max", max, &format!("a number >= min = {min}")));
         }
-        Ok(Intensities(IntensityDistribution::Uniform { min, max }))
+        Ok(Intensities(Distribution::Uniform { min, max }))
     }
 
     /// Normal distribution with `mean` (> 0) and standard deviation `sd` (0 to 10 `mean`), truncated to
@@ -53,7 +53,7 @@ impl Intensities {
         if sd > MAX_SPREAD * mean {
             return Err(CHECK.fault("sd", sd, &format!("at most 10 mean = {}", MAX_SPREAD * mean)));
         }
-        Ok(Intensities(IntensityDistribution::Normal { mean, sd }))
+        Ok(Intensities(Distribution::Normal { mean, sd }))
     }
 
     /// The factor (d / `reference`)^`exponent`, `reference` in um (> 0), in addition to the renderer's own
@@ -61,32 +61,32 @@ impl Intensities {
     pub fn power_of_diameter(reference: f64, exponent: f64) -> Result<Self> {
         CHECK.positive("reference_um", reference)?;
         CHECK.finite("exponent", exponent)?;
-        Ok(Intensities(IntensityDistribution::Power { reference, exponent }))
+        Ok(Intensities(Distribution::Power { reference, exponent }))
     }
 
     /// A typical factor (the center of the distribution before truncation) for a particle of diameter `d_um`
     /// (um).
     pub fn typical(&self, d_um: f64) -> f64 {
         match self.0 {
-            IntensityDistribution::Equal(factor) => factor,
-            IntensityDistribution::Uniform { min, max } => f64::midpoint(min, max),
-            IntensityDistribution::Normal { mean, .. } => mean,
-            IntensityDistribution::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
+            Distribution::Equal(factor) => factor,
+            Distribution::Uniform { min, max } => f64::midpoint(min, max),
+            Distribution::Normal { mean, .. } => mean,
+            Distribution::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
         }
     }
 
     /// A random factor for a particle of diameter `d_um` (um).
     pub fn draw(&self, d_um: f64, stream: &mut Stream) -> f64 {
         match self.0 {
-            IntensityDistribution::Equal(factor) => factor,
-            IntensityDistribution::Uniform { min, max } => min + (max - min) * stream.uniform(),
-            IntensityDistribution::Normal { mean, sd } => loop {
+            Distribution::Equal(factor) => factor,
+            Distribution::Uniform { min, max } => min + (max - min) * stream.uniform(),
+            Distribution::Normal { mean, sd } => loop {
                 let factor = mean + sd * normal(stream);
                 if factor > 0.0 {
                     break factor;
                 }
             },
-            IntensityDistribution::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
+            Distribution::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
         }
     }
 }

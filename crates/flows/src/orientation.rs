@@ -8,10 +8,9 @@
 //! (2009) 151, section 5), which is exact in a constant gradient; a step is halved until it agrees with its
 //! two halves. In simple shear of rate g the axis rotates with the period (2 pi / g) (e + 1/e).
 
-use crate::error::{Error, ParameterCheck, Result};
-use crate::field::VelocityField;
 use crate::fields::exponential;
 use crate::integrate::advance;
+use crate::{Error, ParameterCheck, Result, VelocityField};
 use glam::{DMat3, DVec3};
 use microsig_core::random::normal;
 use microsig_core::stream::Stream;
@@ -87,10 +86,10 @@ fn turn<F: VelocityField + ?Sized>(field: &F, x: DVec3, shape: f64, t0: f64, t1:
 
 /// Distribution of the initial orientations of spheroids.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Orientations(OrientationDistribution);
+pub struct Orientations(Distribution);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum OrientationDistribution {
+enum Distribution {
     Random,
     Aligned(DVec3),
     VonMisesFisher(DVec3, f64),
@@ -99,12 +98,12 @@ enum OrientationDistribution {
 impl Orientations {
     /// Isotropic: all directions are equally likely.
     pub fn random() -> Self {
-        Orientations(OrientationDistribution::Random)
+        Orientations(Distribution::Random)
     }
 
     /// All axes along one direction (any non-zero length).
     pub fn aligned(direction: DVec3) -> Result<Self> {
-        Ok(Orientations(OrientationDistribution::Aligned(unit(direction)?)))
+        Ok(Orientations(Distribution::Aligned(CHECK.direction("direction", direction)?)))
     }
 
     /// Von Mises-Fisher distribution about a mean direction, with density proportional to exp(kappa
@@ -114,20 +113,20 @@ impl Orientations {
         if !(kappa > 0.0 && kappa <= 1e6) {
             return Err(CHECK.fault("kappa", kappa, "a number > 0, at most 1e6"));
         }
-        Ok(Orientations(OrientationDistribution::VonMisesFisher(unit(mean)?, kappa)))
+        Ok(Orientations(Distribution::VonMisesFisher(CHECK.direction("direction", mean)?, kappa)))
     }
 
     /// A random direction (unit vector).
     pub fn draw(&self, stream: &mut Stream) -> DVec3 {
         match self.0 {
-            OrientationDistribution::Random => loop {
+            Distribution::Random => loop {
                 let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
                 if let Some(direction) = xi.try_normalize() {
                     break direction;
                 }
             },
-            OrientationDistribution::Aligned(direction) => direction,
-            OrientationDistribution::VonMisesFisher(mean, kappa) => {
+            Distribution::Aligned(direction) => direction,
+            Distribution::VonMisesFisher(mean, kappa) => {
                 // The cosine of the angle, by inversion: 1 + ln(u + (1 - u) e^(-2 kappa)) / kappa.
                 let u = 1.0 - stream.uniform();
                 let cos = (1.0 + libm::log(u + (1.0 - u) * libm::exp(-2.0 * kappa)) / kappa).max(-1.0);
@@ -138,11 +137,6 @@ impl Orientations {
             }
         }
     }
-}
-
-fn unit(direction: DVec3) -> Result<DVec3> {
-    let unit = CHECK.finite_vector("direction", direction)?.try_normalize();
-    unit.ok_or_else(|| CHECK.fault("direction", direction, "a vector other than zero"))
 }
 
 /// Spheroids of one aspect ratio.
