@@ -4,9 +4,7 @@
 //! uniform in a field with divergence, regardless of its seeding; particles that enter have the seeding
 //! density.
 
-use crate::field::VelocityField;
-use crate::fluid::FluidRegion;
-use crate::region::Region;
+use crate::{FluidRegion, Region, VelocityField};
 use glam::DVec3;
 
 /// Number of sampling points of the divergence along each axis.

@@ -13,9 +13,8 @@
 //!
 //! All three follow the fluid: walls and bodies act through the field only, and Brownian motion is excluded.
 
-use crate::error::Result;
-use crate::field::VelocityField;
 use crate::integrate::advance;
+use crate::{Result, VelocityField};
 use glam::DVec3;
 
 /// The displacement (um) from `t0` to `t1` (s) of the fluid that is at `x` (um) at `t0`. `Err` if its

@@ -8,8 +8,7 @@
 //! exposure and its mean velocity over the exposure, without Brownian motion. Brownian motion during the
 //! exposure is described in [`crate::sequence`].
 
-use crate::error::{ParameterCheck, Result};
-use crate::frame::{Streak, StreakPoint, Tracer};
+use crate::{ParameterCheck, Result, Streak, StreakPoint, Tracer};
 use glam::DVec3;
 
 const CHECK: ParameterCheck = ParameterCheck("exposure");

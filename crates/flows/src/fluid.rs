@@ -11,11 +11,7 @@
 //! step length over the radius of curvature. A step that cannot be reflected into the fluid is rejected,
 //! which also keeps a uniform cloud uniform.
 
-use crate::body::Body;
-use crate::domain::Domain;
-use crate::field::VelocityField;
-use crate::region::{Axis, Region};
-use crate::wall::Wall;
+use crate::{Axis, Body, Domain, Region, VelocityField, Wall};
 use glam::DVec3;
 use microsig_core::stream::Stream;
 use std::sync::{Mutex, PoisonError};

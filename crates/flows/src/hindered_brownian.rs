@@ -130,11 +130,9 @@ fn spread(r: &DMat3, xi: DVec3) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::{Boundary, Domain};
     use crate::fields::{Linear, Tube, TubeParams};
-    use crate::fluid::FluidRegion;
     use crate::hindered::{resistance_across, resistance_along};
-    use crate::region::Region;
+    use crate::{Boundary, Domain, FluidRegion, Region};
     use microsig_core::stream::{Purpose, Streams};
     use rayon::prelude::*;
 

@@ -6,8 +6,7 @@
 //! relative tolerance refers to the distance from the starting point, not to the coordinates: a trajectory
 //! does not depend on the position of the origin or the orientation of the axes.
 
-use crate::error::{Error, Result};
-use crate::field::VelocityField;
+use crate::{Error, Result, VelocityField};
 use glam::DVec3;
 
 /// Error allowed per integration step, um: `absolute_um` + `relative` * distance from the starting point.
@@ -186,9 +185,6 @@ mod tests {
         fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
             self.calls.fetch_add(1, Ordering::Relaxed);
             (self.velocity)(x, t)
-        }
-        fn is_divergence_free(&self) -> bool {
-            false
         }
         fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
             f64::INFINITY

@@ -100,6 +100,7 @@ pub use body::Body;
 pub use brownian::{Brownian, Settling};
 pub use diameters::Diameters;
 pub use domain::{Boundary, Domain};
+pub(crate) use error::ParameterCheck;
 pub use error::{Error, Result};
 pub use exposure::Shutter;
 pub use field::VelocityField;

@@ -18,10 +18,8 @@
 //! as it is without walls, and so is the lag of the velocity toward a wall. Where the velocity along a wall
 //! varies in its own direction, the lag makes the velocity of the spheres slightly divergent.
 
-use crate::field::VelocityField;
-use crate::fluid::FluidRegion;
 use crate::hindered::{resistances, slip_in_shear};
-use crate::wall::Wall;
+use crate::{FluidRegion, VelocityField, Wall};
 use glam::{DMat3, DVec3};
 
 /// The walls around spheres of one size.
@@ -103,11 +101,9 @@ impl<'a> NearWalls<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::Body;
-    use crate::domain::{Boundary, Domain};
     use crate::fields::{Linear, Poiseuille, Tube, TubeParams};
     use crate::hindered::{resistance_across, resistance_along};
-    use crate::region::Region;
+    use crate::{Body, Boundary, Domain, Region};
     use glam::DVec2;
 
     fn domain(faces: [Boundary; 3]) -> Domain {

@@ -10,15 +10,10 @@
 //! exposure of a particle is a random walk backward in time from the middle of the exposure, which has the
 //! same statistics.
 
-use crate::brownian::Brownian;
-use crate::error::Result;
-use crate::exposure::Shutter;
-use crate::field::VelocityField;
-use crate::frame::{Streak, StreakPoint, Tracer};
 use crate::integrate::advance;
 use crate::near_walls::NearWalls;
 use crate::orientation::carry;
-use crate::scene::Scene;
+use crate::{Brownian, Result, Scene, Shutter, Streak, StreakPoint, Tracer, VelocityField};
 use glam::DVec3;
 use microsig_core::stream::{Purpose, Stream, Streams};
 

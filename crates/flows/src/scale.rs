@@ -5,8 +5,7 @@
 //! of a MicroSIG data file is the physical depth divided by `depth_factor`. A cylindrical lens in front of
 //! the camera stretches images about the center of the sensor along one direction.
 
-use crate::error::{ParameterCheck, Result};
-use crate::region::Region;
+use crate::{ParameterCheck, Region, Result};
 use glam::{DMat2, DVec2, DVec3};
 
 const CHECK: ParameterCheck = ParameterCheck("scale");

@@ -1,19 +1,12 @@
 //! A scene: a velocity field, its domain, the seeding, and all other properties and motions of the particles.
 
-use crate::body::Body;
-use crate::brownian::{Brownian, Settling};
-use crate::domain::Domain;
 use crate::drift::Drifting;
-use crate::error::Result;
-use crate::exposure::Shutter;
-use crate::field::VelocityField;
-use crate::fluid::{FluidRegion, KeptShares};
-use crate::frame::Tracer;
-use crate::friction::SpheroidFriction;
-use crate::intensities::Intensities;
 use crate::near_walls::NearWalls;
-use crate::orientation::Spheroids;
-use crate::seeding::{Seed, Seeding};
+use crate::seeding::Seed;
+use crate::{
+    Body, Brownian, Domain, FluidRegion, Intensities, KeptShares, Result, Seeding, Settling, Shutter,
+    SpheroidFriction, Spheroids, Tracer, VelocityField,
+};
 use glam::DVec3;
 use microsig_core::stream::{Purpose, Streams};
 

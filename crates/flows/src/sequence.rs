@@ -351,12 +351,9 @@ fn filtered_in_parallel<T: Sync, U: Send>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diameters::Diameters;
     use crate::domain::Boundary::{Open, Wall};
-    use crate::domain::Domain;
     use crate::fields::Linear;
-    use crate::region::Region;
-    use crate::seeding::Seeding;
+    use crate::{Diameters, Domain, Region, Seeding};
 
     fn domain() -> Domain {
         let region = Region::new(DVec3::new(-50.0, -50.0, 0.0), DVec3::new(50.0, 50.0, 20.0)).unwrap();

@@ -8,9 +8,7 @@
 use glam::DVec3;
 
 use crate::divergence::lattice;
-use crate::error::{ParameterCheck, Result};
-use crate::field::VelocityField;
-use crate::fluid::FluidRegion;
+use crate::{FluidRegion, ParameterCheck, Result, VelocityField};
 
 /// Number of steps per unit of |grad u| dt.
 const STEPS_PER_STRAIN: f64 = 30.0;
@@ -62,9 +60,8 @@ pub fn check(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::{Boundary, Domain};
     use crate::fields::{Poiseuille, PoiseuilleParams, TaylorGreen, TaylorGreenParams};
-    use crate::region::Region;
+    use crate::{Boundary, Domain, Region};
 
     #[test]
     fn hopeless_speeds_are_refused_and_closed_forms_are_free() {

@@ -13,13 +13,10 @@
 //! to a gap, it is the difference to the one adjacent frame. Between frames and during an exposure particles
 //! move on straight lines.
 
-use crate::diameters::Diameters;
-use crate::error::{Error, Result};
-use crate::exposure::Shutter;
-use crate::frame::{Displacement, Frame, RecordingStart, Tracer};
-use crate::intensities::Intensities;
-use crate::orientation::Spheroids;
 use crate::scale::{ImagePoint, Scale};
+use crate::{
+    Diameters, Displacement, Error, Frame, Intensities, RecordingStart, Result, Shutter, Spheroids, Tracer,
+};
 
 use glam::DVec3;
 use microsig_core::Spheroid;

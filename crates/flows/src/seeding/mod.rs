@@ -16,11 +16,7 @@ mod spacing;
 mod tests;
 
 use self::spacing::{Spacing, check_room};
-use crate::diameters::Diameters;
-use crate::domain::Domain;
-use crate::error::{Error, ParameterCheck, Result};
-use crate::fluid::FluidRegion;
-use crate::region::Region;
+use crate::{Diameters, Domain, Error, FluidRegion, ParameterCheck, Region, Result};
 use glam::DVec3;
 use microsig_core::cancel::checkpoint;
 use microsig_core::random::{MAX_POISSON_MEAN, poisson};

@@ -5,9 +5,7 @@
 //! spheres fill a box that is larger by one diameter along each axis.
 
 use super::{Arrangement, CHECK, Seed};
-use crate::diameters::Diameters;
-use crate::error::{Error, Result};
-use crate::region::Region;
+use crate::{Diameters, Error, Region, Result};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::f64::consts::PI;
