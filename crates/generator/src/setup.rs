@@ -34,8 +34,7 @@ use scenario::spec::{
 };
 use scenario::{Scenario, build};
 use storage::dataset::CalibrationRow;
-use storage::error::Result;
-use storage::save_bytes;
+use storage::{Result, save_bytes};
 
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;

@@ -18,8 +18,7 @@ use super::Camera;
 use crate::preview::depth_of_field_um;
 use microsig_core::visibility::DepthScan;
 use scenario::{Scenario, sensor, spec};
-use storage::OutputFolder;
-use storage::error::{Error, Result};
+use storage::{Error, OutputFolder, Result};
 
 /// The table of stacks of particles of these diameters (um), at several places of the field of view or not.
 pub fn table(sizes_um: &[f64], has_places: bool) -> Table {
@@ -117,12 +116,14 @@ fn central(whole: &Settings, part: &Settings) -> [u32; 2] {
 /// The calibration stacks of a scenario, before they are rendered.
 #[derive(Debug)]
 pub struct CalibrationStack {
-    table: Table,
-    settings: Settings,
+    /// The table.
+    pub table: Table,
+    /// The settings of the images.
+    pub settings: Settings,
     camera: Camera,
-    /// The particle at each depth, one size after the other, and so at each place; positions are those in the
-    /// image.
-    particles: Vec<Particle>,
+    /// The particle of each image, as in its data file: at each depth, one size after the other, and so at each
+    /// place.
+    pub particles: Vec<Particle>,
     depths_um: Vec<f64>,
     /// Places in the field of view, if there are several.
     places: Vec<PlaceSensor>,
@@ -254,21 +255,6 @@ impl CalibrationStack {
             format!("calibration/images{folder}/step_{step:04}.tif"),
             format!("calibration/particles{folder}/step_{step:04}.txt"),
         ]
-    }
-
-    /// The particle of each image, as in its data file.
-    pub fn particles(&self) -> &[Particle] {
-        &self.particles
-    }
-
-    /// The settings of the images.
-    pub fn settings(&self) -> &Settings {
-        &self.settings
-    }
-
-    /// The table.
-    pub fn table(&self) -> &Table {
-        &self.table
     }
 
     /// The rows of the table.

@@ -4,15 +4,14 @@ use storage::dataset::manifest::{
     GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts, ZERO_OF_DATASETS, coordinates,
 };
 
-use super::manifest::{bit_depth, waves};
-use super::truth::Census;
+use super::manifest::{bit_depth, wave_facts};
+use super::truth::Totals;
 use super::truth::depth::ParticleImage;
 use microsig_core::render::Description;
 use microsig_core::sensor::ImageFormat;
 use scenario::spec::{PairSeeding, Timing};
 use scenario::{MotionSource, Scenario, compact};
-use storage::OutputFolder;
-use storage::error::Result;
+use storage::{OutputFolder, Result};
 
 /// Name of the card.
 const CARD: &str = "README.md";
@@ -21,14 +20,14 @@ const CARD: &str = "README.md";
 pub fn write(
     folder: &OutputFolder,
     scenario: &Scenario,
-    census: &Census,
+    totals: &Totals,
     image: &ParticleImage,
     sizes: &[SizeFacts],
 ) -> Result<()> {
-    folder.save_bytes(CARD, text(scenario, census, image, sizes)?)
+    folder.save_bytes(CARD, text(scenario, totals, image, sizes)?)
 }
 
-fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[SizeFacts]) -> Result<String> {
+fn text(scenario: &Scenario, totals: &Totals, image: &ParticleImage, sizes: &[SizeFacts]) -> Result<String> {
     let (spec, settings) = (&scenario.spec, &scenario.settings);
     let (low, high) = scenario.depth_range_um;
     let gates = ScoringGates::by(spec.scoring.as_ref(), high - low);
@@ -36,7 +35,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
     let Description { optics, method } = scenario.renderer.description();
     let focus = if scenario.renderer.depends_on_depth() { "out of focus" } else { "all in focus" };
     let motion = compact(&spec.motion)?;
-    let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let n_p = totals.visible as f64 / f64::from(totals.frames.max(1));
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
     let image_share = scenario.image_share();
     let snr = match image.snr {
@@ -96,7 +95,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
             sizes => format!("particles of {} um, each scanned through the depth range", joined(sizes)),
         } + &at_places(scenario),
         license = spec.license,
-        light = waves(scenario, image).map_or_else(String::new, |waves| light(&waves)),
+        light = wave_facts(scenario, image.drawn_share).as_ref().map_or_else(String::new, light),
         moved = motion_note(scenario),
         shone = illumination_note(scenario)?,
         bits = bit_depth(scenario),
@@ -120,7 +119,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
             Some(_) => "`microsig generate scenario.ron`",
             None => "`microsig verify --regenerate`, with the key in `secret_key.txt`,",
         },
-        max = census.max_displacement_px,
+        max = totals.max_displacement_px,
         mean = thousandths(image.background_counts),
         noise = thousandths(image.background_noise_counts),
         seed = scenario.streams.seed().map_or_else(|| "none: secret key".to_owned(), |seed| seed.to_string()),

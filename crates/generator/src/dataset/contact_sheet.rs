@@ -4,8 +4,7 @@ use image::GrayImage;
 use image::imageops;
 use microsig_core::sensor::Image;
 
-use storage::OutputFolder;
-use storage::error::{Error, Result};
+use storage::{Error, OutputFolder, Result};
 
 /// Name of the sheet.
 const FILE: &str = "preview.png";

@@ -6,9 +6,9 @@ use std::path::Path;
 use microsig_core::sensor::{Image, ImageFormat};
 use serde_json::{Map, Value, json};
 
-use super::truth::Census;
+use super::truth::Totals;
 use super::truth::depth::ParticleImage;
-use super::{IMAGES, Ledger, Stem, calibration};
+use super::{FileHashes, IMAGES, calibration, frame_paths};
 use crate::preview::{Preview, SizeCurves};
 use scenario::license::License;
 use scenario::spec::{Motion, Timing};
@@ -25,16 +25,18 @@ use storage::folder::Partial;
 
 /// Writes manifest and checksums into a dataset's folder, which must be complete otherwise. Errors: a file in
 /// the folder that this program did not write; writing.
-pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
+pub(crate) fn write(
+    partial: &Partial,
+    scenario: &Scenario,
+    hashes: &FileHashes,
+    head: Manifest,
+) -> Result<()> {
     let (folder, tables) = (partial.folder(), super::tables(scenario));
-    let paths = |frame| {
-        let stem = Stem::of(&scenario.recordings, frame);
-        [(stem.particles(), frame), (stem.image(), frame)]
-    };
+    let paths = |frame| frame_paths(&scenario.recordings, frame).map(|path| (path, frame));
     let frames: HashMap<String, u32> = (0..scenario.recordings.frames()).flat_map(paths).collect();
     seal(folder, &head, |path: &str| {
         if partial.lists(path) {
-            return entry(scenario, ledger, &tables, folder.path(), (path, frames.get(path).copied()));
+            return entry(scenario, hashes, &tables, folder.path(), (path, frames.get(path).copied()));
         }
         let path = folder.join(path);
         Err(Error::input(format!("{}: microsig did not write it; move it elsewhere", path.display())))
@@ -44,7 +46,7 @@ pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, hea
 /// The manifest of a dataset without its files.
 pub fn manifest(
     scenario: &Scenario,
-    census: &Census,
+    totals: &Totals,
     image: &ParticleImage,
     sizes: &[SizeFacts],
 ) -> Manifest {
@@ -60,7 +62,7 @@ pub fn manifest(
         description: spec.description.clone(),
         version: "1.0.0".to_owned(),
         licenses: vec![license(scenario.license)],
-        microsig: Facts { sizes: sizes.to_vec(), ..facts(scenario, census, image) },
+        microsig: Facts { sizes: sizes.to_vec(), ..facts(scenario, totals, image) },
         resources: Vec::new(),
     }
 }
@@ -109,11 +111,11 @@ of its own peak, averaged over 51 equispaced depths; n_p: visible particles per 
 height); image_share: share of the sensor in which particles are, (int n dA)^2 / int n^2 dA over the sensor with n the depth of \
 fluid, at t = 0; n_s = n_p a_pi_px / (image_share width height)";
 
-fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
+fn facts(scenario: &Scenario, totals: &Totals, image: &ParticleImage) -> Facts {
     let settings = &scenario.settings;
     let (low, high) = scenario.depth_range_um;
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
-    let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let n_p = totals.visible as f64 / f64::from(totals.frames.max(1));
     let image_share = scenario.image_share();
     let random_streams = match scenario.streams.seed() {
         Some(_) => "Philox4x32-10, addressed by (seed, purpose, frame, row)",
@@ -142,7 +144,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
             detector: serde_json::to_value(&scenario.spec.sensor).unwrap_or_default(),
         }),
         renderer: Some(scenario.renderer.name().to_owned()),
-        waves: waves(scenario, image),
+        waves: wave_facts(scenario, image.drawn_share),
         optics: optics(scenario),
         depth_range_um: Some([low, high]),
         depth_range_h_um: Some(high - low),
@@ -165,19 +167,15 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
         calibration_d_um: Some(scenario.calibrated_um()).filter(|sizes| sizes.len() > 1).unwrap_or_default(),
         motion: Some(motion(scenario)),
         truth_grid: Some(truth_grid(scenario)),
-        max_displacement_px: Some(census.max_displacement_px),
+        max_displacement_px: Some(totals.max_displacement_px),
         scoring_gates: Some(ScoringGates::by(scenario.spec.scoring.as_ref(), high - low)),
         scoring: scenario.spec.scoring.clone(),
         ..Facts::default()
     }
 }
 
-/// Light and objective for wave optics; `None` for other renderers.
-pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFacts> {
-    wave_facts(scenario, image.drawn_share)
-}
-
-/// The same with the least and greatest share of the light that images show.
+/// Light and objective for wave optics, with the least and greatest share of the light that images show; `None`
+/// for other renderers.
 pub fn wave_facts(scenario: &Scenario, drawn_share: Option<[f64; 2]>) -> Option<WaveFacts> {
     let renderer = scenario.spec.renderer();
     let (optics, tolerance) = (renderer.wave_optics()?, renderer.tolerance()?);
@@ -265,22 +263,22 @@ fn truth_grid(scenario: &Scenario) -> Option<TruthGridFacts> {
 }
 
 /// The fingerprint of a file of a dataset (its path, and its frame if it is of one) and its entry in the manifest;
-/// the file is read only if the ledger does not contain it.
+/// the file is read only if the hashes does not contain it.
 fn entry(
     scenario: &Scenario,
-    ledger: &Ledger,
+    hashes: &FileHashes,
     tables: &[Table],
     folder: &Path,
     (path, frame): (&str, Option<u32>),
 ) -> Result<(Fingerprint, Resource)> {
     let Some(frame) = frame else {
-        let fingerprint = match ledger.others.get(path) {
+        let fingerprint = match hashes.others.get(path) {
             Some(known) => *known,
             None => fingerprint(&folder.join(path))?,
         };
         return Ok((fingerprint, resource(path, &fingerprint, tables)));
     };
-    let entry = &ledger.frames[frame as usize];
+    let entry = &hashes.frames[frame as usize];
     if !path.starts_with(IMAGES) {
         return Ok((entry.particles, resource(path, &entry.particles, tables)));
     }

@@ -13,7 +13,6 @@ pub mod calibration;
 mod camera;
 pub mod card;
 mod contact_sheet;
-mod ledger;
 pub mod manifest;
 pub mod secret;
 pub mod source;
@@ -21,10 +20,12 @@ pub mod truth;
 
 pub use camera::Camera;
 pub use contact_sheet::ContactSheet;
-pub(crate) use ledger::{FrameEntry, Ledger};
 pub use source::copy;
 
+use std::collections::BTreeMap;
+
 use scenario::{Recordings, Scenario};
+use storage::checksums::Fingerprint;
 use storage::dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table};
 
 /// The tables that a dataset of this scenario can hold.
@@ -42,26 +43,30 @@ pub fn tables(scenario: &Scenario) -> Vec<Table> {
 const PARTICLES: &str = "particles/";
 const IMAGES: &str = "images/";
 
-/// Name of a frame's files without extension.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Stem {
-    /// `frame_00000`; `pair_00000_a` and `pair_00000_b`; `burst_00000_a` to `burst_00000_d`.
-    pub name: String,
+/// Paths of a frame's data file and image in the dataset: `particles/frame_00000.txt`, `images/pair_00000_a.tif`,
+/// `burst_00000_d`.
+pub(crate) fn frame_paths(recordings: &Recordings, frame: u32) -> [String; 2] {
+    let stem = recordings.stem(frame);
+    [format!("{PARTICLES}{stem}.txt"), format!("{IMAGES}{stem}.tif")]
 }
 
-impl Stem {
-    /// The stem of a frame, given its number in the dataset.
-    pub fn of(recordings: &Recordings, frame: u32) -> Self {
-        Stem { name: recordings.stem(frame) }
-    }
+/// A frame's files, as this run has written them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FrameEntry {
+    /// Number of visible particles.
+    pub visible: u64,
+    /// Fingerprint of its data file.
+    pub particles: Fingerprint,
+    /// Fingerprint of its image.
+    pub image: Fingerprint,
+}
 
-    /// Path of the data file in the dataset.
-    pub fn particles(&self) -> String {
-        format!("{PARTICLES}{}.txt", self.name)
-    }
-
-    /// Path of the image in the dataset.
-    pub fn image(&self) -> String {
-        format!("{IMAGES}{}.tif", self.name)
-    }
+/// Fingerprints of the files that this run has written, so that they are not read again for hashing: about 90
+/// bytes per frame.
+#[derive(Debug, Default)]
+pub(crate) struct FileHashes {
+    /// In the order of frames.
+    pub frames: Vec<FrameEntry>,
+    /// Of the files that do not belong to a frame, by path.
+    pub others: BTreeMap<&'static str, Fingerprint>,
 }

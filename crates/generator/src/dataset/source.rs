@@ -9,9 +9,8 @@ use super::secret;
 use scenario::license::LICENSE;
 use scenario::{self, SCENARIO, Scenario};
 use storage::checksums::{self, SHA256SUMS};
-use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::{OutputFolder, read_text};
+use storage::{Error, OutputFolder, Result, read_text};
 
 /// Writes these files into a dataset's folder.
 pub fn write(folder: &OutputFolder, scenario: &Scenario) -> Result<()> {

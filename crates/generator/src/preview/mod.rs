@@ -1,7 +1,6 @@
 //! Predictions for a scenario's optics before any dataset is generated: one particle over depth, the position
 //! of best focus, the growth of images, their brightness relative to the range of the camera.
 
-mod cylinder;
 mod depth_of_field;
 mod text;
 mod ticks;
@@ -34,6 +33,10 @@ const GREEN_UM: f64 = 0.55;
 const WAVES_OF_APLANAT: &str = "render: (mode: waves, wavelength_um: ...) with optics: (lens: aplanatic)";
 /// Minimum fraction of the accepted light that should land near the particle's position.
 const LEAST_NEAR: f64 = 0.5;
+
+/// Difference of the growth along both directions above which an objective with MicroSIG's virtual lens does
+/// not represent one with a cylindrical lens in front of the camera.
+const UNLIKE_A_CYLINDER: f64 = 0.05;
 
 /// Fraction of dark pixels whose noise may be clipped.
 const MOST_CLIPPED: f64 = 0.01;
@@ -276,7 +279,7 @@ impl Preview {
                 ));
             }
         }
-        warnings.extend(self.cylinder.and_then(|facts| cylinder::warning(facts, lens)));
+        warnings.extend(self.cylinder.and_then(|facts| cylinder_warning(facts, lens)));
         warnings.extend(infeasible(
             scenario,
             [self.particles_per_px, self.source_density],
@@ -441,6 +444,18 @@ fn in_view(scenario: &Scenario) -> Result<f64> {
             Ok(tracks.rows().len() as f64 / f64::from(scenario.recordings.frames().max(1)))
         }
     }
+}
+
+/// A warning if images grow as with no real cylindrical lens.
+fn cylinder_warning(CylinderFacts { growth, stretch, .. }: CylinderFacts, lens: Lens) -> Option<String> {
+    let is_virtual = stretch == 1.0;
+    (is_virtual && lens == Lens::Aplanatic && (growth - 1.0).abs() > UNLIKE_A_CYLINDER).then(|| {
+        format!(
+            "images grow {growth:.2} times as fast along the direction in which the cylindrical lens has power as across it: MicroSIG's \
+            virtual lens is located at a third of the distance to the sensor. With a lens in front of a real camera the ratio differs from 1 by a few \
+            percent: optics: (cylinder: ...) sets its position and focal length"
+        )
+    })
 }
 
 #[cfg(test)]

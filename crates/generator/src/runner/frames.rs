@@ -13,14 +13,13 @@ use rayon::prelude::*;
 
 use super::progress::Progress;
 use super::recording::Frames;
-use crate::dataset::truth::{Census, FrameText, FrameTruth, Truth, TruthWriter};
-use crate::dataset::{Camera, ContactSheet, FrameEntry, Ledger, Stem};
+use crate::dataset::truth::{FrameText, FrameTruth, Totals, Truth, TruthWriter};
+use crate::dataset::{Camera, ContactSheet, FileHashes, FrameEntry, frame_paths};
 use scenario::Scenario;
-use storage::OutputFolder;
 use storage::checksums::{Fingerprint, fingerprint};
-use storage::error::{Error, Result};
 use storage::folder::Partial;
 use storage::journal::Listing;
+use storage::{Error, OutputFolder, Result};
 
 /// Maximum number of frames in a batch, per thread.
 pub(super) const FRAMES_PER_THREAD: usize = 3;
@@ -74,7 +73,7 @@ pub(super) fn write(
     camera: &Camera,
     truth: &Truth<'_>,
     progress: &Progress,
-) -> Result<(Census, Ledger, f64)> {
+) -> Result<(Totals, FileHashes, f64)> {
     let files = FrameFiles::new(partial, scenario, camera);
     let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
     let take = |frame: &Frame, before: Option<&Frame>| {
@@ -93,14 +92,14 @@ pub(super) fn write(
 
 /// Writes frames whose truth is in memory; `image` returns the image of a frame. Returns the same as
 /// [`write`].
-pub(super) fn write_taken(
+pub(super) fn write_from_memory(
     partial: &Partial,
     scenario: &Scenario,
     camera: &Camera,
     truths: &[FrameTruth],
     image: impl Fn(usize) -> Image + Sync,
     progress: &Progress,
-) -> Result<(Census, Ledger, f64)> {
+) -> Result<(Totals, FileHashes, f64)> {
     let files = FrameFiles::new(partial, scenario, camera);
     let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
     let bar = progress.images(truths.len() as u64);
@@ -119,10 +118,10 @@ pub(super) fn write_taken(
     writer.finish(partial.folder())
 }
 
-/// Writes the frames to tables, ledger and contact sheet, in order.
+/// Writes the frames to tables, hashes and contact sheet, in order.
 struct DatasetWriter {
     tables: TruthWriter,
-    ledger: Ledger,
+    hashes: FileHashes,
     sheet: ContactSheet,
     /// Largest fraction of saturated pixels in a frame of the contact sheet.
     saturated: f64,
@@ -134,7 +133,7 @@ impl DatasetWriter {
     fn new(folder: &OutputFolder, scenario: &Scenario) -> Result<Self> {
         Ok(DatasetWriter {
             tables: TruthWriter::create(folder, scenario)?,
-            ledger: Ledger::default(),
+            hashes: FileHashes::default(),
             sheet: ContactSheet::default(),
             saturated: 0.0,
             end_counts: scenario.sensor()?.saturation_counts(),
@@ -144,7 +143,7 @@ impl DatasetWriter {
     fn add(&mut self, index: u32, text: &FrameText, stored: StoredFrame) -> Result<()> {
         let StoredFrame { particles, image, picture } = stored;
         self.tables.add(text)?;
-        self.ledger.frames.push(FrameEntry { visible: text.visible(), particles, image });
+        self.hashes.frames.push(FrameEntry { visible: text.visible(), particles, image });
         if let Some(picture) = picture {
             self.sheet.add(index, &picture);
             self.saturated = self.saturated.max(saturated_fraction(&picture, self.end_counts));
@@ -152,10 +151,10 @@ impl DatasetWriter {
         Ok(())
     }
 
-    fn finish(mut self, folder: &OutputFolder) -> Result<(Census, Ledger, f64)> {
+    fn finish(mut self, folder: &OutputFolder) -> Result<(Totals, FileHashes, f64)> {
         self.sheet.write(folder)?;
-        let census = self.tables.finish(&mut self.ledger)?;
-        Ok((census, self.ledger, self.saturated))
+        let totals = self.tables.finish(&mut self.hashes)?;
+        Ok((totals, self.hashes, self.saturated))
     }
 }
 
@@ -213,8 +212,7 @@ impl<'a> FrameFiles<'a> {
     /// it, unless the contact sheet needs it.
     fn store(&self, index: u32, rows: &[Particle], image: impl FnOnce() -> Image) -> Result<StoredFrame> {
         let wanted = self.shown.contains(&index);
-        let stem = Stem::of(&self.scenario.recordings, index);
-        let (data, file) = (stem.particles(), stem.image());
+        let [data, file] = frame_paths(&self.scenario.recordings, index);
         let mut text = self.files.get();
         data_file::write(&mut *text, rows, self.scenario.layout)
             .map_err(Error::write(&self.folder.join(&data)))?;

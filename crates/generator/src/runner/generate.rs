@@ -11,17 +11,15 @@ use super::frames;
 use super::plausibility;
 use super::progress::Progress;
 use crate::dataset::manifest;
-use crate::dataset::truth::{Census, Truth};
-use crate::dataset::{Camera, Ledger, calibration, card, source, truth};
+use crate::dataset::truth::{Totals, Truth};
+use crate::dataset::{Camera, FileHashes, calibration, card, source, truth};
 use crate::preview::{self, Preview};
 use microsig_core::visibility::DepthScan;
 use scenario::{SCENARIO, Scenario, write};
-use storage::advice;
-use storage::advice::flag;
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::dataset::manifest::{GENERATOR_VERSION, MANIFEST};
-use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, Partial, check_replaceable, partial_name};
+use storage::{Error, Result, advice};
 
 /// Options of [`generate`].
 #[derive(Debug, Clone)]
@@ -103,33 +101,33 @@ pub(super) fn assemble(
     scenario: &Scenario,
     options: &GenerateOptions,
     (camera, scan): (&Camera, &DepthScan),
-    frames: impl FnOnce(&Partial) -> Result<(Census, Ledger, f64)>,
+    frames: impl FnOnce(&Partial) -> Result<(Totals, FileHashes, f64)>,
 ) -> Result<Generated> {
     let folder = partial.folder();
     source::write(folder, scenario)?;
-    let (census, ledger, saturated) = frames(&partial).map_err(|e| e.below(folder.path()))?;
+    let (totals, hashes, saturated) = frames(&partial).map_err(|e| e.below(folder.path()))?;
     calibration::write(folder, scenario, camera, scan, || options.progress.check())
         .map_err(|e| e.below(folder.path()))?;
     options.progress.check()?;
     let image = truth::write(folder, scenario, scan)?;
     let preview = Preview::from_scan(scenario, scan)?;
     let sizes = manifest::sizes(&preview);
-    card::write(folder, scenario, &census, &image, &sizes)?;
+    card::write(folder, scenario, &totals, &image, &sizes)?;
     options.progress.check()?;
-    manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image, &sizes))?;
+    manifest::write(&partial, scenario, &hashes, manifest::manifest(scenario, &totals, &image, &sizes))?;
 
     let of_images = camera.renderer().shortfall()?;
-    let implausible = plausibility::warnings(scenario, &census, &image, saturated)?;
+    let implausible = plausibility::warnings(scenario, &totals, &image, saturated)?;
     partial.finish_without_journal(Earlier::new(MANIFEST, options.force))?;
     Ok(Generated {
         out: options.out.clone(),
         name: scenario.spec.name.clone(),
-        images: census.frames,
-        particles: census.visible,
-        displacements: census.displacements,
-        max_displacement_px: census.max_displacement_px,
+        images: totals.frames,
+        particles: totals.visible,
+        displacements: totals.displacements,
+        max_displacement_px: totals.max_displacement_px,
         max_streak_px: scenario.shutter.map_or(0.0, |shutter| {
-            census.max_displacement_px * shutter.open_s() / scenario.recordings.dt_s()
+            totals.max_displacement_px * shutter.open_s() / scenario.recordings.dt_s()
         }),
         seconds: 0.0,
         optics: preview::lines(&preview),
@@ -169,7 +167,7 @@ fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
         return Ok(false);
     }
     let refuse = |what: String| {
-        let hint = advice!(what, "; cannot resume; ", flag("force"), " replaces it");
+        let hint = advice!(what, "; cannot resume; ", advice::flag("force"), " replaces it");
         Err(Error::Exists { path: out.to_owned(), hint })
     };
     let text = storage::read_text(&out.join(SCENARIO)).unwrap_or_default();
@@ -200,14 +198,14 @@ fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partia
             match before.source.as_ref().and_then(|before| difference(before, &now)) {
                 None => claim.resume()?,
                 Some(what) => {
-                    let (force, resume) = (flag("force"), flag("resume"));
+                    let (force, resume) = (advice::flag("force"), advice::flag("resume"));
                     let hint = advice!(what, "; cannot resume; ", force, " without ", resume, " starts over");
                     return Err(Error::Exists { path: left_over, hint });
                 }
             }
         }
         Some(_) if !options.force => {
-            let (force, resume) = (flag("force"), flag("resume"));
+            let (force, resume) = (advice::flag("force"), advice::flag("resume"));
             let hint =
                 advice!("left by an interrupted run; ", resume, " continues it, ", force, " starts over");
             return Err(Error::Exists { path: left_over, hint });

@@ -17,7 +17,7 @@ use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::manifest::{bit_depth, manifest};
 use crate::dataset::truth::field::ScenarioFlow;
-use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
+use crate::dataset::truth::{FrameTruth, Totals, Truth, depth, field, tracks};
 use microsig_core::visibility::DepthScan;
 use scenario::Scenario;
 use storage::checksums::Hashing;
@@ -140,11 +140,7 @@ impl MemoryDataset {
     }
 
     fn scan(&self) -> Result<&DepthScan> {
-        if let Some(scan) = self.scan.get() {
-            return Ok(scan);
-        }
-        let scan = self.scenario.scan_of_mean()?;
-        Ok(self.scan.get_or_init(|| scan))
+        once(&self.scan, || self.scenario.scan_of_mean())
     }
 
     /// The rows of `truth/frames.csv`.
@@ -175,21 +171,17 @@ impl MemoryDataset {
 
     /// The manifest, which lists images and tracks only.
     pub fn manifest(&self) -> Result<&Manifest> {
-        if let Some(manifest) = self.manifest.get() {
-            return Ok(manifest);
-        }
-        let manifest = self.made_manifest()?;
-        Ok(self.manifest.get_or_init(|| manifest))
+        once(&self.manifest, || self.made_manifest())
     }
 
     fn made_manifest(&self) -> Result<Manifest> {
-        let (table, mut census) = (tracks(&self.scenario), Census::default());
+        let (table, mut totals) = (tracks(&self.scenario), Totals::default());
         let mut sum = Hashing::new(std::io::sink());
         let mut hash =
             |text: &str| sum.write_all(text.as_bytes()).map_err(Error::write(Path::new(TrackRow::PATH)));
         hash(&table.header())?;
         for truth in &self.truths {
-            census.add(&Census::of(truth));
+            totals.add(&Totals::of(truth));
             hash(&table.text(&truth.tracks))?;
         }
         let (_, image) = depth::measure(&self.scenario, self.scan()?)?;
@@ -198,7 +190,7 @@ impl MemoryDataset {
             .iter()
             .map(|truth| Resource { path: truth.frame.image.clone(), ..Resource::default() });
         let resources = images.chain([resource(TrackRow::PATH, &sum.fingerprint(), &[table])]).collect();
-        Ok(Manifest { resources, ..manifest(&self.scenario, &census, &image, &[]) })
+        Ok(Manifest { resources, ..manifest(&self.scenario, &totals, &image, &[]) })
     }
 
     /// The tables `truth/frames.csv`, `truth/tracks.csv`, `truth/displacements.csv` and, if the scenario has
@@ -227,11 +219,8 @@ impl MemoryDataset {
 
     /// The calibration stack before it is rendered, if the scenario has one.
     pub(super) fn calibration_stack(&self) -> Result<Option<&CalibrationStack>> {
-        if let Some(stack) = self.calibration.get() {
-            return Ok(stack.as_ref());
-        }
-        let stack = CalibrationStack::of(&self.scenario, &self.camera, self.scan()?)?;
-        Ok(self.calibration.get_or_init(|| stack).as_ref())
+        let make = || CalibrationStack::of(&self.scenario, &self.camera, self.scan()?);
+        Ok(once(&self.calibration, make)?.as_ref())
     }
 
     /// The calibration stack, if the scenario has one. Errors: settings that cannot be rendered;
@@ -243,7 +232,7 @@ impl MemoryDataset {
             progress.check()?;
             Ok(stack.image(row))
         });
-        let table = by_column(stack.table().clone(), stack.rows().iter());
+        let table = by_column(stack.table.clone(), stack.rows().iter());
         Ok(Some(Calibration { table, images: images.collect::<Result<_>>()? }))
     }
 
@@ -261,10 +250,26 @@ impl MemoryDataset {
         folders(&partial)?;
         let (scenario, camera, progress) = (&self.scenario, &self.camera, &options.progress);
         let generated = assemble(partial, scenario, options, (camera, self.scan()?), |partial| {
-            frames::write_taken(partial, scenario, camera, &self.truths, |frame| self.image(frame), progress)
+            frames::write_from_memory(
+                partial,
+                scenario,
+                camera,
+                &self.truths,
+                |frame| self.image(frame),
+                progress,
+            )
         })?;
         Ok(Generated { seconds: start.elapsed().as_secs_f64(), ..generated })
     }
+}
+
+/// The value of a cell, which is made when it is first needed.
+fn once<T>(cell: &OnceLock<T>, make: impl FnOnce() -> Result<T>) -> Result<&T> {
+    if let Some(made) = cell.get() {
+        return Ok(made);
+    }
+    let made = make()?;
+    Ok(cell.get_or_init(|| made))
 }
 
 fn by_column<'r, R: Row + 'r>(table: Table, rows: impl Iterator<Item = &'r R> + Clone) -> (Table, Columns) {

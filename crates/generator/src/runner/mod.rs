@@ -1,6 +1,5 @@
 //! Generates, renders, sweeps and verifies: images in parallel, folders written atomically.
 
-mod case_table;
 mod cost;
 mod frames;
 mod generate;
@@ -16,7 +15,6 @@ mod suite;
 mod sweep;
 mod verify;
 
-pub use case_table::{CASES, CaseReader};
 pub use cost::Cost;
 pub(crate) use generate::camera;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
@@ -31,5 +29,5 @@ pub use suite::{
     FROZEN, Frozen, FrozenDataset, RECORD, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection,
     check_rules, check_suite, digests, generate_suite, same_dataset,
 };
-pub use sweep::{SweepOptions, Swept, collect, sweep};
+pub use sweep::{CASES, CaseReader, SweepOptions, Swept, collect, sweep};
 pub use verify::{Verified, verify};

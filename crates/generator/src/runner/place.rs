@@ -13,8 +13,7 @@ use storage::dataset::{CalibrationRow, RecordingFacts, Row, TableReader};
 
 use super::memory::MemoryDataset;
 use crate::dataset::calibration::CalibrationStack;
-use storage::error::{Error, Result};
-use storage::input;
+use storage::{Error, Result, input};
 
 /// The settings of the calibration stacks.
 const SETTINGS: &str = "calibration/settings.txt";
@@ -137,7 +136,7 @@ impl DatasetPlace {
                     settings_file::read_immersed(input::open(&path)?, &path.display().to_string(), largest)?;
                 Ok(Some(read.settings))
             }
-            DatasetPlace::Memory(made) => Ok(made.calibration_stack()?.map(|stack| stack.settings().clone())),
+            DatasetPlace::Memory(made) => Ok(made.calibration_stack()?.map(|stack| stack.settings.clone())),
         }
     }
 
@@ -156,7 +155,7 @@ impl DatasetPlace {
                 let stack = made.calibration_stack()?;
                 let row =
                     |stack: &CalibrationStack| stack.rows().iter().position(|row| row.particles == path);
-                let particle = stack.and_then(|stack| stack.particles().get(row(stack)?));
+                let particle = stack.and_then(|stack| stack.particles.get(row(stack)?));
                 particle.copied().ok_or_else(|| missing(path))
             }
         }

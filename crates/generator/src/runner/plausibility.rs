@@ -1,6 +1,6 @@
 //! Warnings about datasets that are probably not as intended; each states the number that indicates it.
 
-use crate::dataset::truth::Census;
+use crate::dataset::truth::Totals;
 use crate::dataset::truth::depth::ParticleImage;
 use crate::preview::infeasible;
 use scenario::Scenario;
@@ -14,17 +14,17 @@ const TRACKED_PPP: f64 = 0.005;
 /// preview.
 pub(super) fn warnings(
     scenario: &Scenario,
-    census: &Census,
+    totals: &Totals,
     image: &ParticleImage,
     saturated: f64,
 ) -> Result<Vec<String>> {
     let settings = &scenario.settings;
     let (width, height) = (f64::from(settings.pixel_dim_x), f64::from(settings.pixel_dim_y));
-    let moved_px = census.max_displacement_px;
-    let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let moved_px = totals.max_displacement_px;
+    let n_p = totals.visible as f64 / f64::from(totals.frames.max(1));
     let spacing_px = (width * height / n_p.max(1e-9)).sqrt();
     let mut warnings = Vec::new();
-    if census.displacements > 0 && moved_px < 0.01 {
+    if totals.displacements > 0 && moved_px < 0.01 {
         warnings.push(format!(
             "no particle moves in the image plane: the largest displacement is {} px",
             (1e4 * moved_px).round() / 1e4
@@ -32,7 +32,7 @@ pub(super) fn warnings(
     }
     let is_linked =
         (0..scenario.recordings.frames()).any(|frame| scenario.recordings.link_to(frame).is_some());
-    if is_linked && census.displacements == 0 && census.visible > 0 {
+    if is_linked && totals.displacements == 0 && totals.visible > 0 {
         warnings.push("no particle is in both frames of a pair: all leave within one time step".to_owned());
     }
     if moved_px > 0.25 * width.min(height) {
@@ -55,15 +55,15 @@ pub(super) fn warnings(
             "{:.0} % of the pixels in a frame are saturated at {end:.0} counts",
             100.0 * saturated
         ));
-    } else if census.saturated > 0 {
+    } else if totals.saturated > 0 {
         warnings.push(format!(
             "{} of {} particle images have pixels saturated at {end:.0} counts",
-            census.saturated, census.visible
+            totals.saturated, totals.visible
         ));
     }
-    if census.visible == 0 {
+    if totals.visible == 0 {
         warnings.push("no particle is in view".to_owned());
-    } else if census.light <= 0.0 || scenario.response()?.slope == 0.0 {
+    } else if totals.light <= 0.0 || scenario.response()?.slope == 0.0 {
         warnings.push("the particles emit no light".to_owned());
     }
     let ppp = n_p / (width * height);

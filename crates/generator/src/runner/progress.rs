@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::io::Write as _;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+use std::time::Duration;
 
 use indicatif::{
     HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle,
@@ -44,17 +45,17 @@ impl Progress {
 
     /// A line every minute, with the time left.
     pub fn lines() -> Self {
-        Progress::Reports(Reports::start(Form::Lines, report), false)
+        Progress::Reports(Reports::start(Form::Lines, Some(Duration::from_secs(60)), report), false)
     }
 
     /// A JSON object per task and line, when the task begins, every second, and when it ends.
     pub fn json() -> Self {
-        Progress::Reports(Reports::start(Form::Json, report), false)
+        Progress::Reports(Reports::start(Form::Json, Some(Duration::from_secs(1)), report), false)
     }
 
     /// Progress that another thread asks for.
     pub fn asked() -> (Self, Arc<Reports>) {
-        let reports = Reports::start(Form::Asked, |_| ());
+        let reports = Reports::start(Form::Asked, None, |_| ());
         (Progress::Reports(Arc::clone(&reports), true), reports)
     }
 
@@ -121,7 +122,7 @@ impl Progress {
             bar.set_style(style);
         }
         bar.set_message(what);
-        bar.enable_steady_tick(std::time::Duration::from_millis(200));
+        bar.enable_steady_tick(Duration::from_millis(200));
         Bar { bar, reported: None }
     }
 
@@ -138,7 +139,7 @@ impl Progress {
             bar.set_style(style.with_key("rate", rate).with_key("left", left));
         }
         // Keeps the bar moving while no part is finished.
-        bar.enable_steady_tick(std::time::Duration::from_millis(500));
+        bar.enable_steady_tick(Duration::from_millis(500));
         Bar { bar, reported: None }
     }
 }

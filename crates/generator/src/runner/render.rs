@@ -15,12 +15,9 @@ use serde::Serialize;
 use super::cost::ImageTime;
 use super::progress::Progress;
 use crate::dataset::Camera;
-use storage::advice;
-use storage::advice::option;
 use storage::dataset::manifest::MANIFEST;
-use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim};
-use storage::{InputFile, OutputFolder, may_write};
+use storage::{Error, InputFile, OutputFolder, Result, advice, may_write};
 
 /// Options of [`render`].
 #[derive(Debug, Clone)]
@@ -88,7 +85,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let files = data_files(&options.data, &options.settings)?;
     if u32::try_from(files.len()).ok().and_then(|n| options.first_frame.checked_add(n)).is_none() {
         let what = format!(": the largest frame number is {}", u32::MAX);
-        return Err(Error::option(advice!(option("first_frame").of(options.first_frame), what)));
+        return Err(Error::option(advice!(advice::option("first_frame").of(options.first_frame), what)));
     }
     let particles = check(&files, &camera, &options.progress, &mut warnings)?;
 

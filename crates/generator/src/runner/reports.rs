@@ -29,16 +29,6 @@ enum Event {
     End,
 }
 
-impl Form {
-    fn period(self) -> Option<Duration> {
-        match self {
-            Form::Lines => Some(Duration::from_secs(60)),
-            Form::Json => Some(Duration::from_secs(1)),
-            Form::Asked => None,
-        }
-    }
-}
-
 /// The running tasks, reported again and again from a thread that ends with the last reference, or when
 /// another thread asks.
 pub struct Reports {
@@ -62,14 +52,10 @@ impl fmt::Debug for Reports {
 }
 
 impl Reports {
-    /// Reports to `write`, line by line.
-    pub(super) fn start(form: Form, write: impl Fn(&str) + Send + Sync + 'static) -> Arc<Self> {
-        Self::every(form.period(), form, write)
-    }
-
-    fn every(
-        period: Option<Duration>,
+    /// Reports to `write`, line by line; `period`: between reports that are not asked for.
+    pub(super) fn start(
         form: Form,
+        period: Option<Duration>,
         write: impl Fn(&str) + Send + Sync + 'static,
     ) -> Arc<Self> {
         let reports = Arc::new(Reports { form, write: Box::new(write), tasks: Mutex::default() });
@@ -246,7 +232,7 @@ mod tests {
         let (sender, lines) = mpsc::channel();
         let sender = Mutex::new(sender);
         let write = move |line: &str| sender.lock().unwrap().send(line.to_owned()).unwrap_or_default();
-        let reports = Reports::every(Some(Duration::from_millis(5)), Form::Lines, write);
+        let reports = Reports::start(Form::Lines, Some(Duration::from_millis(5)), write);
         let images = bar(8, 0);
         let task = reports.task("images", images.clone());
         images.set_position(2);
@@ -261,7 +247,7 @@ mod tests {
 
     #[test]
     fn whoever_asks_gets_the_task_that_began_last() {
-        let reports = Reports::start(Form::Asked, |_| ());
+        let reports = Reports::start(Form::Asked, None, |_| ());
         assert_eq!(reports.now(), None);
         let cases = reports.task("cases", bar(3, 1));
         let images = reports.task("images", bar(8, 2));
@@ -281,7 +267,7 @@ mod tests {
         let lines: Arc<Mutex<Vec<serde_json::Value>>> = Arc::default();
         let kept = Arc::clone(&lines);
         let write = move |line: &str| kept.lock().unwrap().push(serde_json::from_str(line).unwrap());
-        let reports = Reports::every(Some(Duration::from_secs(3600)), Form::Json, write);
+        let reports = Reports::start(Form::Json, Some(Duration::from_secs(3600)), write);
         let images = bar(8, 0);
         let task = reports.task("images", images.clone());
         images.set_position(8);

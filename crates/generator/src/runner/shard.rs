@@ -4,9 +4,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use storage::advice;
-use storage::advice::option;
-use storage::error::{Error, Result};
+use storage::{Error, Result, advice};
 
 /// Shard `k` of `n`, counted from 1: every `n`-th case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +26,7 @@ impl Shard {
             .filter(|s| s.k >= 1 && s.k <= s.n)
             .ok_or_else(|| {
                 Error::option(advice!(
-                    option("shard").of(text),
+                    advice::option("shard").of(text),
                     ": expected K/N with K from 1 to N, or slurm"
                 ))
             })
@@ -39,7 +37,11 @@ impl Shard {
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self> {
         let Some(id) = variable("SLURM_ARRAY_TASK_ID") else {
             let what = ": SLURM_ARRAY_TASK_ID is not set, so this is not a task of an array; use ";
-            return Err(Error::option(advice!(option("shard").is("slurm"), what, option("shard").of("K/N"))));
+            return Err(Error::option(advice!(
+                advice::option("shard").is("slurm"),
+                what,
+                advice::option("shard").of("K/N")
+            )));
         };
         let number = |name: &str, text: String| {
             text.trim()
@@ -53,7 +55,7 @@ impl Shard {
         let step = optional("SLURM_ARRAY_TASK_STEP", 1)?;
         let Some(count) = variable("SLURM_ARRAY_TASK_COUNT") else {
             let what = "SLURM_ARRAY_TASK_ID is set but SLURM_ARRAY_TASK_COUNT is not; use ";
-            return Err(Error::option(advice!(what, option("shard").of("K/N"))));
+            return Err(Error::option(advice!(what, advice::option("shard").of("K/N"))));
         };
         let n = number("SLURM_ARRAY_TASK_COUNT", count)?;
         let before = id.checked_sub(first).filter(|d| step > 0 && d % step == 0).map(|d| d / step);
@@ -63,7 +65,7 @@ impl Shard {
                 let what = format!(
                     "SLURM_ARRAY_TASK_ID = {id}: expected a task of {n} from {first} in steps of {step}; use "
                 );
-                Err(Error::option(advice!(what, option("shard").of("K/N"))))
+                Err(Error::option(advice!(what, advice::option("shard").of("K/N"))))
             }
         }
     }

@@ -20,12 +20,9 @@ use super::shard::Shard;
 use super::sweep::{Outcome, Swept, attempt, reason, refuse_existing};
 use super::verify::verify;
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
-use storage::advice;
-use storage::advice::option;
 use storage::checksums::{Fingerprint, SHA256SUMS};
 use storage::dataset::manifest::{MANIFEST, Manifest};
-use storage::error::{Error, Result};
-use storage::{TemporaryFolder, read_text, save_changed};
+use storage::{Error, Result, TemporaryFolder, advice, read_text, save_changed};
 
 /// The datasets of a suite to work on.
 #[derive(Debug, Clone, Default)]
@@ -54,7 +51,7 @@ impl SuiteSelection {
             if cases.is_empty() {
                 let (size, names) = (size.name(), names.join(", "));
                 let what = format!(": size {size} has the cases {names}");
-                return Err(Error::option(advice!(option("case").is(name), what)));
+                return Err(Error::option(advice!(advice::option("case").is(name), what)));
             }
         }
         let all = cases.into_iter().flat_map(|case| Split::ALL.map(|split| (case.clone(), split)));

@@ -5,6 +5,8 @@
 //! later, yield the same files as a single run. The table of all cases, `cases.csv`, is written when all
 //! cases are complete.
 
+use std::fs::File;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -12,17 +14,20 @@ use microsig_core::render::Context;
 use serde::Serialize;
 use serde_json::json;
 
-use super::case_table::{BEFORE_AXES, CASES};
 use super::generate::{GenerateOptions, generate_or_find};
 use super::progress::Progress;
 use super::shard::Shard;
 use scenario::{Case, Scenario, Sweep, resolve};
-use storage::advice;
-use storage::advice::flag;
+use storage::dataset::TableReader;
 use storage::dataset::manifest::{MANIFEST, Manifest};
-use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, is_empty};
-use storage::{read_text, save_bytes, save_changed};
+use storage::{Error, Result, advice, read_text, save_bytes, save_changed};
+
+/// Name of the table of a sweep's cases, beside their folders.
+pub const CASES: &str = "cases.csv";
+
+/// The columns before those of the axes, which are followed by [`Outcome::COLUMNS`].
+const BEFORE_AXES: [&str; 4] = ["case", "dataset", "repetition", "seed"];
 
 /// Options of [`sweep`].
 #[derive(Debug, Clone)]
@@ -167,9 +172,9 @@ pub(super) fn refuse_existing(out: &Path) -> Result<()> {
         Some(path) => {
             let hint = advice!(
                 "already exists; ",
-                flag("force"),
+                advice::flag("force"),
                 " replaces it, ",
-                flag("resume"),
+                advice::flag("resume"),
                 " continues the run"
             );
             Err(Error::Exists { path: path.clone(), hint })
@@ -269,4 +274,37 @@ fn tabulate(sweep: &Sweep, out: &Path, replacing: bool) -> Result<(usize, usize)
         save_changed(&out.join(CASES), &bytes)?;
     }
     Ok((done, failures))
+}
+
+/// Reads the table row by row.
+#[derive(Debug)]
+pub struct CaseReader {
+    reader: TableReader<File>,
+    dataset: usize,
+    axes: Range<usize>,
+}
+
+impl CaseReader {
+    /// Opens the table in the folder of a sweep; `None` if it is a table of other columns.
+    pub fn open(sweep: &Path) -> Result<Option<Self>> {
+        let reader = TableReader::open(sweep.join(CASES))?;
+        let column = |name| reader.column(name);
+        let columns = (column(BEFORE_AXES[1]), column(BEFORE_AXES[3]), column(Outcome::COLUMNS[0]));
+        let (Some(dataset), Some(last), Some(after)) = columns else { return Ok(None) };
+        Ok(Some(CaseReader { dataset, axes: last + 1..after, reader }))
+    }
+
+    /// Paths of the axes.
+    pub fn axes(&self) -> &[String] {
+        self.reader.header().get(self.axes.clone()).unwrap_or_default()
+    }
+
+    /// The next case: name of its dataset, values of the axes as written; `None` at the end. Errors: reading;
+    /// a row with another number of cells than the header.
+    pub fn next_case(&mut self) -> Result<Option<(String, Vec<String>)>> {
+        let (dataset, axes) = (self.dataset, self.axes.clone());
+        let Some((_, cells)) = self.reader.next_row()? else { return Ok(None) };
+        let values = axes.map(|i| cells[i].to_owned()).collect();
+        Ok(Some((cells[dataset].to_owned(), values)))
+    }
 }

@@ -15,9 +15,8 @@ use scenario::{self, Scenario, write};
 use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::dataset::manifest::{MANIFEST, Manifest, RECORDING, Resource, SchemaField, TableSchema};
 use storage::dataset::{Row, TableReader, TrackRow};
-use storage::error::{Error, Result};
 use storage::folder::{files_below, is_partial};
-use storage::{TemporaryFolder, input, read_text};
+use storage::{Error, Result, TemporaryFolder, input, read_text};
 
 /// Summary of a verification.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

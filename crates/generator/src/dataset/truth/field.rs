@@ -24,8 +24,7 @@ use crate::dataset::secret;
 use microsig_core::render::Context;
 use microsig_core::visibility::{DepthScan, ScanImage};
 use scenario::{Nodes, Scenario, Weighting};
-use storage::OutputFolder;
-use storage::error::Result;
+use storage::{OutputFolder, Result};
 
 /// The table with the columns of this grid.
 pub fn table(nodes: &Nodes) -> Table {
@@ -154,16 +153,10 @@ fn pairs<'a>(
         let planes = nodes.planes_um.iter().enumerate();
         let rows = planes.flat_map(|(plane, z_um)| {
             let of_plane = move |(i, column): (usize, &NodeColumn)| {
+                let ((x_px, y_px), z_um) = (place(i), *z_um);
                 column.row(
                     plane,
-                    FieldRow {
-                        pair,
-                        plane: plane as u32,
-                        x_px: place(i).0,
-                        y_px: place(i).1,
-                        z_um: *z_um,
-                        ..FieldRow::default()
-                    },
+                    FieldRow { pair, plane: plane as u32, x_px, y_px, z_um, ..FieldRow::default() },
                 )
             };
             columns.iter().enumerate().map(of_plane)
@@ -212,32 +205,14 @@ struct NodeColumn {
 
 impl NodeColumn {
     /// Adds the displacements at the node of a plane to its row.
-    fn row(&self, plane: usize, at: FieldRow) -> FieldRow {
+    fn row(&self, plane: usize, mut at: FieldRow) -> FieldRow {
         let Node { forward, backward, central, window, mask } = self.planes[plane];
-        let [forward_dx_px, forward_dy_px, forward_dz_um] = forward;
-        let [backward_dx_px, backward_dy_px, backward_dz_um] = backward;
-        let [central_dx_px, central_dy_px, central_dz_um] = central;
-        let [window_dx_px, window_dy_px, window_dz_um] = window;
-        let [weighted_dx_px, weighted_dy_px, weighted_dz_um] = self.weighted;
-        FieldRow {
-            forward_dx_px,
-            forward_dy_px,
-            forward_dz_um,
-            central_dx_px,
-            central_dy_px,
-            central_dz_um,
-            weighted_dx_px,
-            weighted_dy_px,
-            weighted_dz_um,
-            mask,
-            window_dx_px,
-            window_dy_px,
-            window_dz_um,
-            backward_dx_px,
-            backward_dy_px,
-            backward_dz_um,
-            ..at
-        }
+        [at.forward_dx_px, at.forward_dy_px, at.forward_dz_um] = forward;
+        [at.central_dx_px, at.central_dy_px, at.central_dz_um] = central;
+        [at.weighted_dx_px, at.weighted_dy_px, at.weighted_dz_um] = self.weighted;
+        [at.window_dx_px, at.window_dy_px, at.window_dz_um] = window;
+        [at.backward_dx_px, at.backward_dy_px, at.backward_dz_um] = backward;
+        FieldRow { mask, ..at }
     }
 }
 
@@ -273,13 +248,8 @@ impl Truth<'_> {
         let or_undefined =
             |displacement: flows::Result<DVec3>| displacement.map_or(UNDEFINED, |d| self.to_image(d));
         if !self.is_fluid(x, interval.0) {
-            return Node {
-                forward: UNDEFINED,
-                backward: UNDEFINED,
-                central: UNDEFINED,
-                window: UNDEFINED,
-                mask: true,
-            };
+            let [forward, backward, central, window] = [UNDEFINED; 4];
+            return Node { forward, backward, central, window, mask: true };
         }
         let (forward, central) =
             (or_undefined(forward(field, x, interval)), or_undefined(central(field, x, interval)));

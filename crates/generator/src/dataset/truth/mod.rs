@@ -1,6 +1,5 @@
 //! The truth of a dataset: position and motion of every particle, and the displacement field.
 
-mod boxes;
 pub mod depth;
 pub mod field;
 mod viewer;
@@ -14,17 +13,16 @@ use microsig_core::sensor::Sensor;
 use microsig_core::{Particle, Spheroid};
 use rayon::prelude::*;
 
-use super::{Ledger, Stem};
-pub(crate) use boxes::size_class;
+use super::{FileHashes, frame_paths};
 use depth::ParticleImage;
-use microsig_core::visibility::{DepthScan, NoiseFree, Visibility, visibility};
+use microsig_core::visibility::{DepthScan, NoiseFree, Outline, Visibility, visibility};
 use scenario::Scenario;
-use storage::OutputFolder;
+use scenario::spec::Diameter;
 use storage::dataset::rows::{GRADIENT, OPTICS};
 use storage::dataset::{
     BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table, TableWriter, TrackRow, write_table,
 };
-use storage::error::Result;
+use storage::{OutputFolder, Result};
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
 
@@ -47,7 +45,7 @@ pub fn write(folder: &OutputFolder, scenario: &Scenario, scan: &DepthScan) -> Re
 
 /// Totals over a dataset's frames, for the manifest.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Census {
+pub struct Totals {
     /// Frames written.
     pub frames: u32,
     /// Visible particles, summed over frames.
@@ -62,7 +60,7 @@ pub struct Census {
     pub max_displacement_px: f64,
 }
 
-impl Census {
+impl Totals {
     /// Those of a frame.
     pub(crate) fn of(truth: &FrameTruth) -> Self {
         let farthest = |longest: f64, row: &DisplacementRow| {
@@ -70,7 +68,7 @@ impl Census {
             let length_px = (row.dx_px * row.dx_px + row.dy_px * row.dy_px).sqrt();
             if row.visible_a { longest.max(length_px) } else { longest }
         };
-        Census {
+        Totals {
             frames: 1,
             visible: truth.frame.n_visible,
             saturated: truth.tracks.iter().filter(|row| row.visible && row.saturated).count() as u64,
@@ -81,7 +79,7 @@ impl Census {
     }
 
     /// Adds those of further frames.
-    pub(crate) fn add(&mut self, more: &Census) {
+    pub(crate) fn add(&mut self, more: &Totals) {
         self.frames += more.frames;
         self.visible += more.visible;
         self.saturated += more.saturated;
@@ -171,8 +169,8 @@ impl<'a> Truth<'a> {
             Ok(self.track(frame, sight, midway, &seen.visibility))
         });
         let tracks = tracks.collect::<Result<_>>()?;
-        let boxes = seen_by
-            .filter_map(|(sight, seen)| Some(boxes::row(scenario, frame, sight, seen.outline.as_ref()?)));
+        let boxes =
+            seen_by.filter_map(|(sight, seen)| Some(box_row(scenario, frame, sight, seen.outline.as_ref()?)));
         let shining = sights.iter().filter(|sight| !sight.rows.is_empty()).count();
         let visible = sights.iter().filter(|sight| sight.visible).count();
         let displacements = match (before, scenario.recordings.link_to(frame.index)) {
@@ -192,14 +190,14 @@ impl<'a> Truth<'a> {
     /// The row of frames.csv.
     fn summary(&self, frame: &Frame, energy: f64, (shining, visible): (usize, usize)) -> FrameRow {
         let recordings = &self.scenario.recordings;
-        let stem = Stem::of(recordings, frame.index);
+        let [particles, image] = frame_paths(recordings, frame.index);
         FrameRow {
             frame: frame.index,
             pair: recordings.pair(frame.index).map(|(pair, _)| pair),
             role: recordings.role(frame.index).map(String::from).unwrap_or_default(),
             t_s: frame.t_s,
-            image: stem.image(),
-            particles: stem.particles(),
+            image,
+            particles,
             n_rendered: shining as u64,
             n_visible: visible as u64,
             energy,
@@ -323,6 +321,37 @@ impl<'a> Truth<'a> {
     }
 }
 
+/// The row of boxes.csv of a particle image.
+fn box_row(scenario: &Scenario, frame: &Frame, sight: &Sight, outline: &Outline) -> BoxRow {
+    let settings = &scenario.settings;
+    let pixels = settings.pixel_dim_x as usize * settings.pixel_dim_y as usize;
+    // Pixels are counted from 1; a box of one pixel has its middle in that pixel.
+    let middle = |first: usize, size: usize| first as f64 + 0.5 * (size as f64 + 1.0);
+    let ((left, top), (width, height)) = (outline.corner, outline.size);
+    BoxRow {
+        frame: frame.index,
+        track: sight.tracer.id,
+        x_px: middle(left, width),
+        y_px: middle(top, height),
+        w_px: width as u32,
+        h_px: height as u32,
+        area_px: outline.area as u32,
+        z_um: sight.tracer.position.z,
+        class: size_class(scenario, sight.particle.d_um) as u32,
+        hidden: outline.hidden,
+        visible: sight.visible,
+        mask: outline.mask.text(pixels),
+    }
+}
+
+/// The number of a diameter in the list of diameters of a scenario, otherwise 0.
+pub(crate) fn size_class(scenario: &Scenario, d_um: f64) -> usize {
+    match &scenario.spec.particles.diameter_um {
+        Some(Diameter::List(list)) => list.iter().position(|(d, _)| *d == d_um).unwrap_or(0),
+        _ => 0,
+    }
+}
+
 /// Number of rows that one task writes.
 const ROWS_PER_TASK: usize = 1024;
 
@@ -332,7 +361,7 @@ pub(crate) struct FrameText {
     tracks: Vec<String>,
     displacements: Vec<String>,
     boxes: Vec<String>,
-    totals: Census,
+    totals: Totals,
 }
 
 impl FrameText {
@@ -344,7 +373,7 @@ impl FrameText {
             tracks: texts(&self::tracks(scenario), tracks),
             displacements: texts(&DisplacementRow::table(&[]), displacements),
             boxes: texts(&BoxRow::table(&[]), boxes),
-            totals: Census::of(truth),
+            totals: Totals::of(truth),
         }
     }
 
@@ -364,7 +393,7 @@ pub(crate) struct TruthWriter {
     tracks: TableWriter,
     displacements: TableWriter,
     boxes: Option<TableWriter>,
-    census: Census,
+    totals: Totals,
 }
 
 impl TruthWriter {
@@ -376,7 +405,7 @@ impl TruthWriter {
             tracks: start(&tracks(scenario))?,
             displacements: start(&DisplacementRow::table(&[]))?,
             boxes: scenario.spec.truth.boxes.then(|| start(&BoxRow::table(&[]))).transpose()?,
-            census: Census::default(),
+            totals: Totals::default(),
         })
     }
 
@@ -388,18 +417,18 @@ impl TruthWriter {
         if let Some(boxes) = &mut self.boxes {
             text.boxes.iter().try_for_each(|rows| boxes.append(rows))?;
         }
-        self.census.add(&text.totals);
+        self.totals.add(&text.totals);
         Ok(())
     }
 
-    /// Finishes the tables and adds them to the ledger.
-    pub(crate) fn finish(self, ledger: &mut Ledger) -> Result<Census> {
-        ledger.others.insert(FrameRow::PATH, self.frames.seal()?);
-        ledger.others.insert(TrackRow::PATH, self.tracks.seal()?);
-        ledger.others.insert(DisplacementRow::PATH, self.displacements.seal()?);
+    /// Finishes the tables and adds them to the hashes.
+    pub(crate) fn finish(self, hashes: &mut FileHashes) -> Result<Totals> {
+        hashes.others.insert(FrameRow::PATH, self.frames.seal()?);
+        hashes.others.insert(TrackRow::PATH, self.tracks.seal()?);
+        hashes.others.insert(DisplacementRow::PATH, self.displacements.seal()?);
         if let Some(boxes) = self.boxes {
-            ledger.others.insert(BoxRow::PATH, boxes.seal()?);
+            hashes.others.insert(BoxRow::PATH, boxes.seal()?);
         }
-        Ok(self.census)
+        Ok(self.totals)
     }
 }
