@@ -46,7 +46,7 @@ pub enum LightShape {
 #[serde(default)]
 pub struct Sheet {
     /// Intensity profile across the sheet.
-    pub profile: SheetProfile,
+    pub profile: Profile,
     /// Thickness T: distance between the two e^-2 points, or between the edges of a top hat.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub thickness_um: f64,
@@ -60,25 +60,8 @@ pub struct Sheet {
 
 impl Default for Sheet {
     fn default() -> Self {
-        Sheet {
-            profile: SheetProfile::Gaussian,
-            thickness_um: 20.0,
-            center_um: None,
-            normal: (0.0, 0.0, 1.0),
-        }
+        Sheet { profile: Profile::Gaussian, thickness_um: 20.0, center_um: None, normal: (0.0, 0.0, 1.0) }
     }
-}
-
-/// Profile of a light sheet.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SheetProfile {
-    /// exp(-8 s^2 / T^2) at the distance s from the middle plane.
-    Gaussian,
-    /// 1 within the thickness, 0 outside.
-    TopHat,
-    /// exp(-2 |2 s / T|^N), of order N.
-    SuperGaussian(#[schemars(range(min = 1.0, max = 100.0), example = 8.0)] f64),
 }
 
 /// A Gaussian beam.
@@ -128,13 +111,8 @@ impl Illumination {
         let shape = match &mut self.shape {
             LightShape::Uniform => Ok(Shape::Uniform),
             LightShape::Sheet(s) => {
-                let profile = match s.profile {
-                    SheetProfile::Gaussian => Profile::Gaussian,
-                    SheetProfile::TopHat => Profile::TopHat,
-                    SheetProfile::SuperGaussian(order) => Profile::SuperGaussian(order),
-                };
                 let center = DVec3::from(*s.center_um.get_or_insert(middle));
-                Shape::sheet(profile, center, DVec3::from(s.normal), s.thickness_um)
+                Shape::sheet(s.profile, center, DVec3::from(s.normal), s.thickness_um)
             }
             LightShape::Beam(b) => {
                 let center = DVec3::from(*b.center_um.get_or_insert(middle));

@@ -18,9 +18,8 @@ use super::resolve::resolve;
 use super::resolved::Scenario;
 use super::source::{ScenarioText, read_text};
 use super::spec::{Motion, Spec, schema as scenario};
-use storage::InputFile;
-use storage::error::{Error, Result};
 use storage::problem::{Place, Problem, Source};
+use storage::{Error, InputFile, Result};
 
 /// The resolved scenario in a dataset's folder.
 pub const SCENARIO: &str = "scenario.ron";
@@ -41,7 +40,6 @@ fn tree_of(spec: &Spec) -> Result<Node> {
     text::parse(&source).map_err(|problem| Error::Problems(vec![Problem { place: None, ..problem }]))
 }
 
-/// Parses a scenario's text into a tree.
 fn tree(source: &Arc<Source>) -> Result<Node> {
     let begins = source.text.trim_start().starts_with(['(', '{', '/', '#']);
     let hint = (!begins).then(|| "a scenario begins with `(` in RON, with `{` in JSON".to_owned());
@@ -393,13 +391,10 @@ mod tests {
             ),
             ("1000", "inf", "motion.flow.field.poiseuille.max_speed_um_s = inf: expected a finite number"),
             ("poiseuille", "poisseuille", "did you mean `poiseuille`?"),
-            ("count: 2", "count: two", "s.ron:4:30: timing.pairs.count = two: expected a whole number"),
             ("count: 2", "count: -2", "timing.pairs.count = -2: expected a whole number, 1 to 5e6"),
-            ("count: 2", "dt_s: 1", "timing.pairs: `count` is missing"),
             ("count: 2", "count: 2, count: 3", "timing.pairs: `count` is given a second time"),
             ("\"test\"", "test", "s.ron:2:15: name = test: expected a string in quotes"),
             ("timing: pairs(count: 2),", "", "`timing` is missing"),
-            ("timing:", "seed: -1, timing:", "seed = -1: expected a whole number"),
             (
                 "timing:",
                 "boundaries: (z_um: 3), timing:",
@@ -425,11 +420,6 @@ mod tests {
                 "timing:",
                 "render: (mode: waves, wavelength_um: 520), timing:",
                 "render.wavelength_um = 520: expected a number, 0.1 to 2 um; 520 nm is 0.52 um",
-            ),
-            (
-                "timing:",
-                "particles: (c_int: uniform(min: 1)), timing:",
-                "particles.c_int.uniform: `max` is missing",
             ),
             ("timing:", "calibration: none(3), timing:", "calibration.none = 3: expected nothing"),
             (

@@ -162,7 +162,6 @@ impl Flow {
 }
 
 impl Tracks {
-    /// Reads the file.
     pub(super) fn build(&mut self, scale: &Scale, found: &mut Findings<'_>) -> Option<RecordedTracks> {
         const KEY: &str = "motion.tracks.file";
         let (path, bytes) = found.read(KEY, &self.file)?;

@@ -4,7 +4,7 @@ use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Streams};
 
 use super::language::problems::Problems;
-use super::timing::{FourPulse, Frames, PairSeeding, Pairs, Sequence, Timing};
+use super::timing::{FourPulse, PairSeeding, Pairs, Sequence, Timing};
 
 /// Frame times that deviate by more than this many standard deviations are redrawn.
 const MAX_JITTER: f64 = 4.0;
@@ -26,7 +26,7 @@ impl Recordings {
             let allowed = format!("a time > dt_s = {dt_s} s, because all pairs show the same particles");
             problems.value(&key("interval_s"), interval_s, &allowed);
         }
-        let Frames { exposure_s, flashes, jitter_s } = timing.frames();
+        let (exposure_s, flashes, jitter_s) = timing.exposure();
         let shortest = recordings.shortest_dt_s();
         if shortest <= 0.0 {
             return recordings;
@@ -174,7 +174,7 @@ impl Recordings {
     }
 
     fn jitter_s(&self, frame: u32, streams: Streams) -> f64 {
-        let sd = self.timing.frames().jitter_s;
+        let (_, _, sd) = self.timing.exposure();
         if sd == 0.0 {
             return 0.0;
         }

@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use flows::{Diameters, Domain, FluidRegion, Illumination, KeptShares, Seeding, Shutter, VelocityField};
+use flows::{Diameters, FluidRegion, Illumination, KeptShares, Seeding, Shutter, VelocityField};
 use microsig_core::Settings;
 use microsig_core::formats::data_file::Layout;
 use microsig_core::render::Context;
@@ -41,37 +41,14 @@ pub fn resolve(mut spec: Spec, folder: &Path, context: &Context) -> Result<Scena
     if spec.scoring.as_ref().is_some_and(|rules| rules.dims == Some(2) && rules.gate_z_um.is_some()) {
         found.problems.other("scoring.gate_z_um", "has no meaning with `dims: 2`, in the image plane");
     }
-    let whole = Sections::resolve(&mut spec, &mut found).and_then(|s| s.joined(&mut spec, &mut found));
+    let combined = Sections::resolve(&mut spec, &mut found).and_then(|s| s.combine(spec, &mut found));
     let Findings { inputs, problems, mut warnings, .. } = found;
-    let Some(whole) = whole.filter(|_| !problems.any()) else {
+    let Some(mut scenario) = combined.filter(|_| !problems.any()) else {
         return Err(Error::Problems(problems.sorted()));
     };
     warnings.dedup();
-    let Whole { imaging, motion, population, domain, fluid_shares, depth_range_um, recordings, illumination } =
-        whole;
-    let mut scenario = Scenario {
-        license: License::find(&spec.license).unwrap_or(LICENSES[0]),
-        streams: Streams::new(spec.seed),
-        layout: layout(&spec, &motion, &population.cloud, imaging.shutter),
-        spec,
-        settings: imaging.settings,
-        renderer: imaging.renderer,
-        context: context.clone(),
-        detector: imaging.detector,
-        inputs,
-        warnings,
-        motion,
-        scale: imaging.scale,
-        domain,
-        depth_range_um,
-        fluid_shares,
-        seeding: population.seeding,
-        cloud: population.cloud,
-        recordings,
-        shutter: imaging.shutter,
-        illumination,
-    };
-    scenario.warnings.extend(scenario.few_stacks());
+    warnings.extend(scenario.single_stack_warning());
+    (scenario.inputs, scenario.warnings) = (inputs, warnings);
     Ok(scenario)
 }
 
@@ -86,24 +63,6 @@ struct Sections {
     illumination: Illumination,
     /// `None` for recorded tracks.
     field: Option<Arc<dyn VelocityField>>,
-}
-
-/// Sections that fit together.
-struct Whole {
-    imaging: Imaging,
-    motion: MotionSource,
-    population: Population,
-    domain: Domain,
-    fluid_shares: KeptShares,
-    depth_range_um: (f64, f64),
-    recordings: Recordings,
-    illumination: Illumination,
-}
-
-/// The particles.
-struct Population {
-    cloud: Cloud,
-    seeding: Seeding,
 }
 
 impl Sections {
@@ -161,11 +120,12 @@ impl Sections {
         })
     }
 
-    /// Fills in what depends on several sections and checks that they fit together.
-    fn joined(self, spec: &mut Spec, found: &mut Findings<'_>) -> Option<Whole> {
+    /// Fills in what depends on several sections and checks that they fit together. The scenario does not have
+    /// its inputs and warnings yet.
+    fn combine(self, mut spec: Spec, found: &mut Findings<'_>) -> Option<Scenario> {
         let Sections { settings, detector, recordings, z_um, diameters, mut cloud, illumination, field } =
             self;
-        let imaging = Imaging::resolve(spec, (settings, detector), found)?;
+        let imaging = Imaging::resolve(&spec, (settings, detector), found)?;
         let motion = match field {
             Some(field) => MotionSource::Field(field),
             None => tracks(&mut spec.motion, &imaging, found)?,
@@ -178,17 +138,17 @@ impl Sections {
         }
         let longest_um = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
         let has_field = matches!(motion, MotionSource::Field(_));
-        let margin_px = volume::margin_px(spec, &imaging, (z_um, longest_um), has_field, found);
+        let margin_px = volume::margin_px(&mut spec, &imaging, (z_um, longest_um), has_field, found);
         let depth_range_um = volume::illuminated_depths(z_um, &illumination, &mut found.problems);
-        let seeding = match &motion {
+        let mut seeding = match &motion {
             MotionSource::Field(_) => {
-                imaging.check_depths(spec, z_um, &diameters, found);
-                found.warnings.extend(spacing_warning(spec));
+                imaging.check_depths(&spec, z_um, &diameters, found);
+                found.warnings.extend(spacing_warning(&spec));
                 let mean_um = diameters.mean();
                 // Taken out temporarily, because the scan needs the rest of the scenario.
                 let mut particles = std::mem::take(&mut spec.particles);
                 let optics = (&imaging.settings, imaging.scale.depth_factor());
-                let stack = || scan(spec, optics, mean_um, depth_range_um, found.context);
+                let stack = || scan(&spec, optics, mean_um, depth_range_um, found.context);
                 let optics = (&imaging.scale, &imaging.settings);
                 let seeding = particles.seeding(diameters, optics, z_um, stack, found);
                 spec.particles = particles;
@@ -201,25 +161,35 @@ impl Sections {
             }
         };
         let domain = volume::domain(&mut spec.boundaries, &imaging, z_um, margin_px, &mut found.problems)?;
-        let mut population = Population { cloud, seeding };
         let fluid_shares = KeptShares::default();
         if let MotionSource::Field(field) = &motion {
-            let fluid =
-                FluidRegion::new(field.as_ref(), &domain, &population.cloud.bodies).keeping(&fluid_shares);
+            let fluid = FluidRegion::new(field.as_ref(), &domain, &cloud.bodies).keeping(&fluid_shares);
             let view = found.problems.of("boundaries", imaging.scale.view(z_um.0, z_um.1, 0.0))?;
-            let (field, seeding) = ((field.as_ref(), &fluid), (&population.seeding, &view));
-            let warnings = flow_checks::check(field, seeding, &recordings, &mut found.problems);
+            let (field, seeded) = ((field.as_ref(), &fluid), (&seeding, &view));
+            let warnings = flow_checks::check(field, seeded, &recordings, &mut found.problems);
             found.warnings.extend(warnings);
-            population.seeding = spec.particles.within_walls(population.seeding, &fluid, &view);
+            seeding = spec.particles.within_walls(seeding, &fluid, &view);
         }
-        Some(Whole {
-            imaging,
+        Some(Scenario {
+            license: License::find(&spec.license).unwrap_or(LICENSES[0]),
+            streams: Streams::new(spec.seed),
+            layout: layout(&spec, &motion, &cloud, imaging.shutter),
+            spec,
+            settings: imaging.settings,
+            renderer: imaging.renderer,
+            context: found.context.clone(),
+            detector: imaging.detector,
+            inputs: Vec::new(),
+            warnings: Vec::new(),
             motion,
-            population,
+            scale: imaging.scale,
             domain,
-            fluid_shares,
             depth_range_um,
+            fluid_shares,
+            seeding,
+            cloud,
             recordings,
+            shutter: imaging.shutter,
             illumination,
         })
     }

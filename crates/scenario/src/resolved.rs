@@ -195,7 +195,7 @@ impl Scenario {
     }
 
     /// A warning if the images of a single calibration stack represent particles of several sizes.
-    pub(super) fn few_stacks(&self) -> Option<String> {
+    pub(super) fn single_stack_warning(&self) -> Option<String> {
         let (stacks, sizes) = (self.calibrated_um(), self.representative_um());
         let ([d_um], [smallest, .., largest]) = (stacks.as_slice(), sizes.as_slice()) else { return None };
         Some(format!(

@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::language::schema::nearest;
 use super::shipped::{SHIPPED, Shipped, shipped, shipped_suites};
-use storage::error::{Error, Result};
-use storage::{InputFile, TemporaryFolder};
+use storage::{Error, InputFile, Result, TemporaryFolder};
 
 /// Maximum length of a scenario or sweep, bytes.
 const MAX_BYTES: u64 = 16_000_000;

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::{Lens, WaveOptics};
 use microsig_core::render::{GaussianSpot, RenderMethod, RendererSpec};
-use microsig_core::sensor::{self, Detector, ImageFormat, PixelMaps};
+use microsig_core::sensor::{Detector, ImageFormat, PixelMaps};
 use microsig_core::{KEYS, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -19,7 +19,7 @@ use storage::dataset::manifest::ScoringRules;
 pub use super::calibration::Calibration;
 pub use super::cylinder::Cylinder;
 pub use super::field::{Changed, Field, Gridded};
-pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
+pub use super::illumination::{Beam, Illumination, LightShape, Sheet};
 use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;
@@ -32,8 +32,11 @@ pub use super::particles::{
 pub use super::rendering::{Images, Render, RenderMode};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthColumns, TruthGrid, Weighting};
+pub use flows::Boundary;
+pub use flows::illumination::Profile as SheetProfile;
 pub use microsig_core::optics::FieldOptics;
 pub use microsig_core::render::waves::{Layers, Mask, Pinhole, PupilFunction as Pupil};
+pub use microsig_core::sensor::HotPixels;
 
 /// A scenario: what is imaged, through which optics, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -449,62 +452,29 @@ fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Err
     Option::deserialize(deserializer).map(|value| value.unwrap_or(f64::INFINITY))
 }
 
+/// A camera of one type with the values that it has in common with one of another type.
+macro_rules! camera {
+    ($camera:ident of $of:ident, $($key:ident: $value:expr),*) => {
+        camera!($camera, $of, photons_per_count, quantum_efficiency, shot_noise, dark_e, read_noise_e, full_well_e,
+            gain_counts_per_e, offset_counts, bits, prnu, dsnu_e, hot_pixels, vignetting; $($key: $value),*)
+    };
+    ($camera:ident, $of:ident, $($same:ident),*; $($key:ident: $value:expr),*) => {
+        $camera { $($same: $of.$same,)* $($key: $value),* }
+    };
+}
+
 impl Default for Sensor {
     fn default() -> Self {
-        let d = Detector::default();
-        Sensor {
-            photons_per_count: d.photons_per_count,
-            quantum_efficiency: d.quantum_efficiency,
-            shot_noise: d.shot_noise,
-            dark_e: d.dark_e,
-            read_noise_e: d.read_noise_e,
-            full_well_e: d.full_well_e,
-            gain_counts_per_e: d.gain_counts_per_e,
-            offset_counts: d.offset_counts,
-            bits: d.bits,
-            prnu: d.prnu,
-            dsnu_e: d.dsnu_e,
-            hot_pixels: None,
-            vignetting: d.vignetting,
-            background: None,
-            maps: None,
-        }
+        let detector = Detector::default();
+        camera!(Sensor of detector, background: None, maps: None)
     }
 }
 
 impl Sensor {
     /// The detector, with the counts of its background image and its maps.
     pub fn detector(&self, background: Option<Vec<f64>>, maps: PixelMaps) -> Detector {
-        let alike = Detector {
-            photons_per_count: self.photons_per_count,
-            quantum_efficiency: self.quantum_efficiency,
-            shot_noise: self.shot_noise,
-            dark_e: self.dark_e,
-            read_noise_e: self.read_noise_e,
-            full_well_e: self.full_well_e,
-            gain_counts_per_e: self.gain_counts_per_e,
-            offset_counts: self.offset_counts,
-            bits: self.bits,
-            prnu: self.prnu,
-            dsnu_e: self.dsnu_e,
-            hot_pixels: self.hot_pixels.map(|h| sensor::HotPixels { fraction: h.fraction, dark_e: h.dark_e }),
-            vignetting: self.vignetting,
-            background,
-            maps: PixelMaps::default(),
-        };
-        alike.with_maps(maps)
+        camera!(Detector of self, background: background, maps: PixelMaps::default()).with_maps(maps)
     }
-}
-
-/// Pixels with a large dark signal.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct HotPixels {
-    /// Fraction of hot pixels.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub fraction: f64,
-    /// Dark electrons of a hot pixel per frame, in addition to `dark_e`.
-    #[schemars(range(min = 0.0, max = 1e12))]
-    pub dark_e: f64,
 }
 
 /// The box that holds the particles.
@@ -538,17 +508,4 @@ pub struct Boundaries {
     pub bodies: Vec<Obstacle>,
     /// Whether a particle that crosses a periodic boundary keeps its track number.
     pub keep_ids: bool,
-}
-
-/// Type of a boundary of the box.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Boundary {
-    /// Particles enter and leave; the number density is the same outside as inside.
-    #[default]
-    Open,
-    /// A solid wall: particle centers stay at least one radius away from it.
-    Wall,
-    /// Particles that leave on one side enter on the other.
-    Periodic,
 }

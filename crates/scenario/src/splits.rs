@@ -3,10 +3,8 @@
 //! Train is the scenario itself. The seeds of val and of a public test split follow from its seed, so that
 //! anyone can generate them. Random velocity fields have an independent realization in each split.
 
-use storage::advice;
-use storage::advice::option;
 use storage::checksums::Fingerprint;
-use storage::error::{Error, Result};
+use storage::{Error, Result, advice};
 
 use super::load::set;
 use super::spec::{Motion, Spec, Timing};
@@ -38,7 +36,9 @@ impl Split {
     /// The split with this name.
     pub fn parse(name: &str) -> Result<Self> {
         let found = Split::ALL.into_iter().find(|split| split.name() == name);
-        found.ok_or_else(|| Error::option(advice!(option("split").is(name), ": expected train, val or test")))
+        found.ok_or_else(|| {
+            Error::option(advice!(advice::option("split").is(name), ": expected train, val or test"))
+        })
     }
 
     /// The scenario of this split with a public seed, with `count` pairs or frames (`None`: as many as the

@@ -163,28 +163,17 @@ fn default_gap() -> f64 {
     0.01
 }
 
-/// The settings that all timing modes share.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Frames {
-    /// Exposure time, s.
-    pub(super) exposure_s: f64,
-    /// Flashes per frame, if there is more than one.
-    pub(super) flashes: Option<Flashes>,
-    /// Standard deviation of the frame times, s.
-    pub(super) jitter_s: f64,
-}
-
 impl Timing {
-    /// The settings that all timing modes share.
-    pub(super) fn frames(&self) -> Frames {
-        let (exposure_s, flashes, jitter_s) = match *self {
+    /// What all timing modes have: exposure time (s), flashes per frame if there is more than one, standard
+    /// deviation of the frame times (s).
+    pub(super) fn exposure(&self) -> (f64, Option<Flashes>, f64) {
+        match *self {
             Timing::Pairs(Pairs { exposure_s, flashes, jitter_s, .. })
             | Timing::Sequence(Sequence { exposure_s, flashes, jitter_s, .. })
             | Timing::FourPulse(FourPulse { exposure_s, flashes, jitter_s, .. }) => {
                 (exposure_s, flashes, jitter_s)
             }
-        };
-        Frames { exposure_s, flashes, jitter_s }
+        }
     }
 
     /// Name of the mode in keys and in the manifest.
@@ -198,7 +187,7 @@ impl Timing {
 
     /// The shutter; `None` if exposures are instantaneous.
     pub(super) fn shutter(&self, um_per_px: f64, problems: &mut Problems) -> Option<Shutter> {
-        let Frames { exposure_s, flashes, .. } = self.frames();
+        let (exposure_s, flashes, _) = self.exposure();
         let Flashes { count, spacing_s } = flashes.unwrap_or(Flashes { count: 1, spacing_s: 0.0 });
         let shutter = Shutter::new(exposure_s, count, spacing_s, SEGMENT_PX * um_per_px);
         problems.of(&format!("timing.{}", self.mode()), shutter).filter(|shutter| shutter.span_s() > 0.0)

@@ -7,7 +7,7 @@ use super::field_of_view::{corners, lost_focus};
 use super::findings::Findings;
 use super::imaging::Imaging;
 use super::language::problems::Problems;
-use super::spec::{self, Boundaries, Spec};
+use super::spec::{Boundaries, Spec};
 
 /// Depth range of the default channel, um: 100 um deep, within the range scanned in Rossi 2020.
 const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
@@ -85,16 +85,8 @@ pub(super) fn domain(
     margin_px: f64,
     problems: &mut Problems,
 ) -> Option<Domain> {
-    let z = *boundaries.z.get_or_insert(spec::Boundary::Wall);
-    let faces = [boundaries.x, boundaries.y, z].map(face);
+    let z = *boundaries.z.get_or_insert(Boundary::Wall);
+    let faces = [boundaries.x, boundaries.y, z];
     let region = imaging.scale.view(z_um.0, z_um.1, margin_px);
     problems.of("particles and boundaries", region.map(|region| Domain::new(region, faces)))
-}
-
-fn face(boundary: spec::Boundary) -> Boundary {
-    match boundary {
-        spec::Boundary::Open => Boundary::Open,
-        spec::Boundary::Wall => Boundary::Wall,
-        spec::Boundary::Periodic => Boundary::Periodic,
-    }
 }

@@ -53,12 +53,16 @@ pub struct Detector {
     pub maps: PixelMaps,
 }
 
-/// Hot pixels: a random subset of the pixels with a large dark signal.
+/// Pixels with a large dark signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HotPixels {
-    /// Fraction of all pixels, 0 to 1.
+    /// Fraction of hot pixels.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1.0)))]
     pub fraction: f64,
-    /// Mean number of additional dark electrons per frame, >= 0.
+    /// Dark electrons of a hot pixel per frame, in addition to `dark_e`.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e12)))]
     pub dark_e: f64,
 }
 

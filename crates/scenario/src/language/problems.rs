@@ -50,7 +50,6 @@ impl Problems {
         self.push(Problem::value(path, found, allowed));
     }
 
-    /// Adds any other problem.
     pub(crate) fn other(&mut self, path: &str, message: impl Into<String>) {
         self.push(Problem::other(path, message));
     }

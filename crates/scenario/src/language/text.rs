@@ -46,7 +46,6 @@ pub(crate) struct Field {
     pub value: Node,
 }
 
-/// Parses a text.
 pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
     let mut reader = Reader { source, at: source.value_at };
     reader.skip();

@@ -20,10 +20,7 @@ use super::shipped::{SHIPPED, shipped_suites};
 use super::source::read_text;
 use super::spec::Spec;
 use super::splits::Split;
-use storage::advice;
-use storage::advice::option;
-use storage::error::{Error, Result};
-use storage::{InputFile, TemporaryFolder};
+use storage::{Error, InputFile, Result, TemporaryFolder, advice};
 
 /// Name of a suite file.
 pub const SUITE: &str = "suite.ron";
@@ -143,7 +140,7 @@ impl Suite {
         self.spec.tracks.iter().find(|track| track.name == name).ok_or_else(|| {
             let names: Vec<&str> = self.spec.tracks.iter().map(|track| track.name.as_str()).collect();
             let what = format!(": expected one of {}", names.join(", "));
-            Error::option(advice!(option("track").is(name), what))
+            Error::option(advice!(advice::option("track").is(name), what))
         })
     }
 

@@ -92,7 +92,6 @@ fn named(spec: &SuiteSpec, tree: &Node, problems: &mut Problems) {
     }
 }
 
-/// The cases of a ladder.
 fn rungs_of(ladder: &LadderSpec, at: &str, folder: &Path, tree: &Node, problems: &mut Problems) -> Vec<Rung> {
     let from = format!("{at}.from");
     let file = folder.join(&ladder.from);

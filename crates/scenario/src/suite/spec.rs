@@ -3,7 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use storage::advice;
-use storage::advice::option;
 use storage::dataset::manifest::Metric;
 
 /// A suite: a frozen, named set of datasets in tracks, by which trackers are compared.
@@ -163,7 +162,10 @@ impl Size {
     pub fn parse(name: &str) -> storage::Result<Self> {
         let found = Size::ALL.into_iter().find(|size| size.name() == name);
         found.ok_or_else(|| {
-            storage::Error::option(advice!(option("size").is(name), ": expected smoke, small or full"))
+            storage::Error::option(advice!(
+                advice::option("size").is(name),
+                ": expected smoke, small or full"
+            ))
         })
     }
 }
