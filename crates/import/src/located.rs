@@ -66,7 +66,7 @@ impl Located {
         let (level, noise) = map.background();
         let mut found = maxima(&map, level + ABOVE_NOISE * noise.max(f32::MIN_POSITIVE));
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let depth = |at: &[f64; 2]| sharpest[at[1] as usize * size.0 + at[0] as usize].1;
+        let depth = |at: &[f64; 2]| sharpest[at[1].round() as usize * size.0 + at[0].round() as usize].1;
         let z_um = |at: &[f64; 2]| levels[depth(at)].z_um;
         if let Some(plane_um) =
             weighted_median(found.iter().map(|(value, at)| (z_um(at), f64::from(*value))).collect())
@@ -108,6 +108,15 @@ fn maxima(map: &GrayImage, least: f32) -> Vec<(f32, [f64; 2])> {
                     there < here || (there == here && (v, u) >= (y, x))
                 })
     };
+    // The vertex of the parabola through three pixels.
+    let vertex = |i: usize, at: usize, size: usize, step: usize| {
+        if at == 0 || at + 1 == size {
+            return at as f64;
+        }
+        let [before, here, after] = [i - step, i, i + step].map(|i| f64::from(map.counts[i]));
+        let curvature = (2.0 * here - before - after).max(f64::MIN_POSITIVE);
+        at as f64 + (0.5 * (after - before) / curvature).clamp(-0.49, 0.49)
+    };
     let pixels = (0..w * h).filter(|&i| is_maximum(i % w, i / w));
-    pixels.map(|i| (map.counts[i], [(i % w) as f64, (i / w) as f64])).collect()
+    pixels.map(|i| (map.counts[i], [vertex(i, i % w, w, 1), vertex(i, i / w, h, w)])).collect()
 }

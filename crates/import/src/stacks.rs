@@ -277,7 +277,7 @@ impl Stacks {
 fn lights(scan: &Scan, levels: &[Level], located: &Located, radii: &[usize]) -> Vec<ScanParticleRow> {
     let light = |(at, depth): (&[f64; 2], &usize)| {
         let [columns, rows] = [(at[0], scan.width), (at[1], scan.height)].map(|(at, size)| {
-            let (at, reach) = (at as usize, radii[*depth] + 1);
+            let (at, reach) = (at.round() as usize, radii[*depth] + 1);
             at.saturating_sub(reach)..(at + reach + 1).min(size)
         });
         let planes = &levels[*depth].planes;
