@@ -238,8 +238,7 @@ fn the_twin_of_a_recording_predicts_the_scores_of_trackers() {
     assert_eq!((of(0, "twin", "n"), of(0, "recorded", "n")), (54.0, 54.0));
     assert!(of(0, "twin", "recall") > 0.95 && made["trackers"][0]["recorded"]["recall"].is_null(), "{made}");
     let [own, predicted] = ["recorded", "twin"].map(|images| of(0, images, "rms_z_um"));
-    // Not yet a prediction: 0.11 um on the recording, 0.62 on the twin; the command says so.
-    assert!(own < 1.0 && predicted < 1.0, "{own} um, {predicted} um on the twin");
+    assert!((0.5..2.0).contains(&(predicted / own)), "{own} um, {predicted} um on the twin");
     assert_eq!(of(1, "twin", "rms_z_um"), predicted);
     let sentence = made["trackers"][0]["sentence"].as_str().unwrap();
     assert!(

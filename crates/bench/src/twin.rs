@@ -33,8 +33,8 @@ const NUMBERS: &str = "twin.json";
 /// Scan particles this close to a known position are the same, px.
 const SAME_PX: f64 = 3.0;
 
-/// The light of single particles relative to the median: brighter ones are clusters.
-const SINGLE: std::ops::Range<f64> = 0.5..1.75;
+/// Number of particles whose median light is that of a single one in their surroundings.
+const AROUND: usize = 9;
 
 /// Most particles of a cluster, which touch on a hexagonal lattice.
 const MOST_IN_CLUSTER: usize = 37;
@@ -44,6 +44,9 @@ const OTHERS: u64 = 10_000_000;
 
 /// Share of the depth range about the focus in which images hardly depend on depth.
 const NEAR: f64 = 0.1;
+
+/// Variance of rounding to whole counts, which the twin does itself.
+const ROUNDING: f64 = 1.0 / 12.0;
 
 /// Frames in the report, and edge of their parts, px.
 const SHOWN: usize = 5;
@@ -142,6 +145,8 @@ struct Recorded {
     scan: Vec<ScanParticleRow>,
     /// Mean and standard deviation of the background of the first frame, counts.
     background: [f64; 2],
+    /// The same of the scan.
+    scan_background: [f64; 2],
 }
 
 fn rows_if_any<T: Row>(folder: &Path, needed: &[&str]) -> Result<Vec<T>> {
@@ -191,6 +196,17 @@ impl Recorded {
         let frames: Vec<FrameRow> = read_rows(folder, &["frame", "image"])?;
         let Some(first) = frames.first() else { return Err(Error::input(format!("{name}: no frames"))) };
         let background = gray(&place, &first.image, size)?.background();
+        let mut background = <[f32; 2]>::from(background).map(f64::from);
+        let mut scan_background = background;
+        if let Some(noise) = &manifest.microsig.noise {
+            // Over time, which is finer than the deviation over pixels: that of whole counts is whole counts.
+            let variance = |signal: f64| noise.variance.iter().rev().fold(0.0, |sum, c| sum * signal + c);
+            let deviation = |signal: f64| (variance(signal) - ROUNDING).max(0.0).sqrt();
+            scan_background = [noise.background_counts, deviation(0.0)];
+            if noise.repeats > 1 {
+                background[1] = deviation((background[0] - noise.background_counts).max(0.0));
+            }
+        }
         Ok(Recorded {
             place: folder.to_owned(),
             frames: frames.len(),
@@ -202,7 +218,8 @@ impl Recorded {
             known: if has("z_um") { known } else { Vec::new() },
             has_tracks: has("track"),
             scan,
-            background: <[f32; 2]>::from(background).map(f64::from),
+            background,
+            scan_background,
             manifest,
             facts,
         })
@@ -238,24 +255,63 @@ struct Center {
     id: u64,
     at: [f64; 2],
     z_um: f64,
-    /// Relative to a single particle.
-    light: f64,
+    light: Light,
 }
 
-/// The brightness of the particles of the scan, in units of a single one.
+/// The light of a particle or cluster.
+#[derive(Debug, Clone, Copy)]
+struct Light {
+    /// In units of the mean single particle in the center of the field.
+    light: f64,
+    /// Number of touching spheres.
+    spheres: usize,
+}
+
+/// The brightness of the particles of the scan.
 struct Lights {
-    scan: Vec<([f64; 2], f64)>,
+    scan: Vec<([f64; 2], Light)>,
     streams: Streams,
 }
 
 impl Lights {
-    fn of(scan: &[ScanParticleRow], seed: u64) -> Self {
-        let singles: Vec<f64> =
-            scan.iter().map(|row| row.light).filter(|light| SINGLE.contains(light)).collect();
-        let single =
-            if singles.is_empty() { 1.0 } else { singles.iter().sum::<f64>() / singles.len() as f64 };
-        let scan = scan.iter().map(|row| ([row.x_px, row.y_px], (row.light / single).max(0.05))).collect();
-        Lights { scan, streams: Streams::new(seed) }
+    fn of(recorded: &Recorded, base: &Scenario, seed: u64) -> Self {
+        // What the optics do to the light is not the particles'.
+        let per_mm2 = base.spec.optics.field.map_or(0.0, |field| field.light_per_mm2);
+        let mm_per_px = 1e-3 * um_per_px(recorded, base);
+        let middle = [recorded.size.0, recorded.size.1].map(|size| 0.5 * f64::from(size) + 0.5);
+        let shade = |row: &ScanParticleRow| {
+            let r = mm_per_px * (row.x_px - middle[0]).hypot(row.y_px - middle[1]);
+            (1.0 + per_mm2 * r * r).max(0.05)
+        };
+        let of = |row: &ScanParticleRow| {
+            ([row.x_px, row.y_px], Light { light: row.light / shade(row), spheres: 1 })
+        };
+        let scan = recorded.scan.iter().map(of).collect();
+        let mut lights = Lights { scan, streams: Streams::new(seed) };
+        let spheres: Vec<usize> = lights.scan.iter().map(|(at, of)| lights.spheres(*at, of.light)).collect();
+        let of_single =
+            |((_, of), spheres): (&([f64; 2], Light), &usize)| (*spheres == 1).then_some(of.light);
+        let singles: Vec<f64> = lights.scan.iter().zip(&spheres).filter_map(of_single).collect();
+        let single = singles.iter().sum::<f64>() / singles.len().max(1) as f64;
+        for ((_, of), spheres) in lights.scan.iter_mut().zip(spheres) {
+            *of = Light { light: (of.light / single).max(0.05), spheres };
+        }
+        lights
+    }
+
+    /// The light of a single particle here: illumination is not uniform.
+    fn single(&self, at: [f64; 2]) -> f64 {
+        let away = |of: &[f64; 2]| (of[0] - at[0]).hypot(of[1] - at[1]);
+        let mut near: Vec<(f64, f64)> = self.scan.iter().map(|(of, light)| (away(of), light.light)).collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        near.truncate(AROUND);
+        near.sort_by(|a, b| a.1.total_cmp(&b.1));
+        near.get(near.len() / 2).map_or(1.0, |(_, light)| *light)
+    }
+
+    /// Number of spheres of a spot.
+    fn spheres(&self, at: [f64; 2], light: f64) -> usize {
+        ((light / self.single(at)).round() as usize).clamp(1, MOST_IN_CLUSTER)
     }
 
     /// The nearest particle of the scan.
@@ -264,13 +320,15 @@ impl Lights {
         (0..self.scan.len()).min_by(|a, b| away(a).total_cmp(&away(b))).filter(|k| away(k) < SAME_PX)
     }
 
-    /// That of a particle of this number: of any particle of the scan.
-    fn drawn(&self, id: u64) -> f64 {
-        if self.scan.is_empty() {
-            return 1.0;
-        }
+    /// That of a particle of this number here: of any particle of the scan.
+    fn drawn(&self, id: u64, at: [f64; 2]) -> Light {
         let mut stream = self.streams.stream(Purpose::Intensity, u32::MAX, id as u32);
-        self.scan[((stream.uniform() * self.scan.len() as f64) as usize).min(self.scan.len() - 1)].1
+        let k = (stream.uniform() * self.scan.len() as f64) as usize;
+        let drawn = self.scan.get(k.min(self.scan.len().saturating_sub(1)));
+        drawn.map_or(Light { light: 1.0, spheres: 1 }, |(from, of)| Light {
+            light: of.light * self.single(at) / self.single(*from),
+            ..*of
+        })
     }
 }
 
@@ -285,7 +343,7 @@ fn spheres(centers: &[Center], diameter_px: f64, zero_um: f64) -> Vec<TrackRow> 
     lattice.sort_by(|a, b| length2(a).total_cmp(&length2(b)));
     let mut rows = Vec::new();
     for center in centers {
-        let n = (center.light.round() as usize).clamp(1, MOST_IN_CLUSTER);
+        let n = center.light.spheres;
         let part = &lattice[..n];
         let middle = [0, 1].map(|axis| part.iter().map(|at| at[axis]).sum::<f64>() / n as f64);
         // Directions that do not repeat.
@@ -298,7 +356,7 @@ fn spheres(centers: &[Center], diameter_px: f64, zero_um: f64) -> Vec<TrackRow> 
                 x_px: center.at[0] + cosine * x - sine * y,
                 y_px: center.at[1] + sine * x + cosine * y,
                 z_um: center.z_um - zero_um,
-                c_int: center.light / n as f64,
+                c_int: center.light.light / n as f64,
                 ..TrackRow::default()
             }
         }));
@@ -477,7 +535,7 @@ impl Made {
         found: Option<&Path>,
         options: &TwinOptions,
     ) -> Result<Self> {
-        let lights = Lights::of(&recorded.scan, options.seed);
+        let lights = Lights::of(recorded, base, options.seed);
         let centers = match source {
             Source::Known => known(recorded, &lights),
             Source::Planes => planes(recorded, &lights, &[]),
@@ -490,7 +548,7 @@ impl Made {
         // The film that the scan's particles lie on is not in a flow.
         let scatter = base.spec.optics.field.map_or(0.0, |field| field.focus.scatter_um);
         let is_scatter_left_out = source == Source::Found && scatter > 0.0;
-        let mut set = camera(recorded, base);
+        let mut set = camera(recorded, base, recorded.background);
         if is_scatter_left_out {
             set.push(("optics.field.focus.scatter_um".to_owned(), "0".to_owned()));
         }
@@ -504,7 +562,7 @@ impl Made {
             let centers: Vec<Center> = stage
                 .enumerate()
                 .flat_map(|(frame, z_um)| {
-                    let center = move |(id, (at, light)): (usize, &([f64; 2], f64))| Center {
+                    let center = move |(id, (at, light)): (usize, &([f64; 2], Light))| Center {
                         frame: frame as u32,
                         id: id as u64,
                         at: *at,
@@ -516,7 +574,7 @@ impl Made {
                 .collect();
             let rows = spheres(&centers, diameter_px(recorded, base), recorded.zero_um);
             let frames = recorded.depths_um.len() * repeats;
-            let mut set = size(recorded);
+            let mut set = camera(recorded, base, recorded.scan_background);
             set.extend(tracks(&out.join("scan_particles.csv"), &rows, frames, base)?);
             images(&out.join("generated_scan"), set, options)?;
         }
@@ -599,7 +657,7 @@ impl Made {
     fn notes(&self, recorded: &Recorded, base: &Scenario, first: Option<&TwinTracker>) -> Vec<String> {
         let frames = recorded.frames;
         let per_frame = self.centers.len() as f64 / frames as f64;
-        let clusters = self.centers.iter().filter(|center| center.light.round() > 1.0).count();
+        let clusters = self.centers.iter().filter(|center| center.light.spheres > 1).count();
         let share = 100.0 * clusters as f64 / self.centers.len().max(1) as f64;
         let particles = match self.source {
             Source::Known => "at the known positions".to_owned(),
@@ -656,7 +714,11 @@ impl Recorded {
 
 fn diameter_px(recorded: &Recorded, base: &Scenario) -> f64 {
     let [_, d_um, _] = base.diameters_um();
-    d_um / recorded.facts.um_per_px.unwrap_or_else(|| base.scale.um_per_px())
+    d_um / um_per_px(recorded, base)
+}
+
+fn um_per_px(recorded: &Recorded, base: &Scenario) -> f64 {
+    recorded.facts.um_per_px.unwrap_or_else(|| base.scale.um_per_px())
 }
 
 /// Positions that are known, with other particles of the same slide.
@@ -670,7 +732,7 @@ fn known(recorded: &Recorded, lights: &Lights) -> Vec<Center> {
             Some(k) if used.insert((row.frame, k)) => k as u64,
             _ => 2 * OTHERS + number as u64,
         };
-        let light = near.map_or_else(|| lights.drawn(id), |k| lights.scan[k].1);
+        let light = near.map_or_else(|| lights.drawn(id, at), |k| lights.scan[k].1);
         Center { frame: row.frame, id, at, z_um: row.z_um, light }
     };
     let mut centers: Vec<Center> = recorded.known.iter().enumerate().map(center).collect();
@@ -715,23 +777,17 @@ fn found_centers(result: &Path, recorded: &Recorded, lights: &Lights) -> Result<
             id,
             at: [row.at.x_px, row.at.y_px],
             z_um: row.at.z_um,
-            light: lights.drawn(id),
+            light: lights.drawn(id, [row.at.x_px, row.at.y_px]),
         }
     };
     Ok(rows.iter().enumerate().map(center).collect())
 }
 
-/// Size of the images.
-fn size(recorded: &Recorded) -> Vec<(String, String)> {
-    [("optics.pixel_dim_x", recorded.size.0), ("optics.pixel_dim_y", recorded.size.1)]
+/// Size of the images, and mean and standard deviation of the background.
+fn camera(recorded: &Recorded, base: &Scenario, [level, deviation]: [f64; 2]) -> Vec<(String, String)> {
+    let mut set = [("optics.pixel_dim_x", recorded.size.0), ("optics.pixel_dim_y", recorded.size.1)]
         .map(|(path, value)| (path.to_owned(), value.to_string()))
-        .to_vec()
-}
-
-/// Size and background of the recording.
-fn camera(recorded: &Recorded, base: &Scenario) -> Vec<(String, String)> {
-    let mut set = size(recorded);
-    let [level, deviation] = recorded.background;
+        .to_vec();
     let mut put = |path: &str, value: f64| set.push((path.to_owned(), format!("{value:?}")));
     match &base.spec.sensor {
         Some(sensor) if sensor.maps.is_none() => {

@@ -52,9 +52,7 @@ impl Twin {
             progress: progress(common),
             context: common.context.clone(),
         })?;
-        let untested = "experimental: on a simulated recording, the RMS error of z on the twin was six times that on the recording; do \
-                        not rely on the errors of the twin alone";
-        warn([&made.warnings[..], &[untested.to_owned()]].concat(), common);
+        warn(&made.warnings, common);
         let mut text: String = made.trackers.iter().map(|of| format!("{}\n", of.sentence)).collect();
         made.notes.iter().for_each(|note| text += &format!("{note}\n"));
         text += &format!("in {}", self.out.join("report.html").display());
