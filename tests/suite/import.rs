@@ -368,8 +368,13 @@ fn images_in_focus_are_imported_without_a_scan() {
     }
     let score: Value = json(&["evaluate", path(&out), path(&found)]);
     let of = |key: &str| score["detection"][key].as_f64().unwrap();
-    // `spots` also finds parts of these images; precision is not asserted.
-    assert!(of("recall") > 0.9 && of("rmse_xy_px") < 0.2, "{}", score["detection"]);
+    // The noise of this camera, below one count, makes no row: all are within 17 px of a particle, half of them pieces of the
+    // halos of particles that are 200 times as bright as the noise.
+    assert!(of("recall") > 0.9 && of("precision") > 0.45 && of("rmse_xy_px") < 0.2, "{}", score["detection"]);
+    for row in std::fs::read_to_string(&found).unwrap().lines().skip(1) {
+        let [x, y] = [2, 3].map(|column| row.split(',').nth(column).unwrap().parse::<f64>().unwrap());
+        assert!(target().beads.iter().any(|bead| (bead.x_px - x).hypot(bead.y_px - y) < 17.0), "{row}");
+    }
     let refused = fail(2, &["track", path(&out), "--method", "ncc", "--out", path(&found), "--force"]);
     assert!(refused.contains("`microsig import --scan`"), "{refused}");
     let refused = fail(2, &[&own[..], &scale, &["--force", "--field", "2"]].concat());
