@@ -7,6 +7,8 @@ use std::sync::LazyLock;
 use serde_json::Value;
 use suite::microsig::{fail, path, run};
 
+use crate::robust::kill_when;
+
 const SCENARIO: &str = r#"(
     name: "base",
     seed: 3,
@@ -394,7 +396,14 @@ fn check_site(place: &Path, all: &[&str], (results, out): (&Path, &Path)) {
     let perfect = results.join("perfect/P2/noise_2/results.csv");
     std::fs::copy(perfect, odd.join("P2/noise_2/results.csv")).unwrap();
     let (site, copy) = (place.join("site"), place.join("copied/to/a server"));
-    run(&[all, &["--force", "--site", path(&site)]].concat());
+    let with_site = [all, &["--force", "--site", path(&site)]].concat();
+    // A run that is killed, as by an allocation that fails, leaves folders for the next one to remove.
+    let partial = [&site, out].map(|folder| folder.with_extension("partial"));
+    let are_left = || partial.each_ref().map(|folder| folder.is_dir());
+    assert!(kill_when(&with_site, || are_left() == [true; 2]));
+    assert_eq!(are_left(), [true; 2]);
+    run(&with_site);
+    assert_eq!(are_left(), [false; 2]);
     std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
     std::fs::rename(&site, &copy).unwrap();
     let linked = check_links(&copy);

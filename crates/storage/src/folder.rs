@@ -2,6 +2,7 @@
 //!
 //! During the build the process holds a lock, and a journal lists the files. When an interrupted run or, with
 //! `--force`, an earlier result is replaced, only listed files are removed; any other file stops the run.
+//! A process that is killed, or aborts as an allocation fails (`ulimit -v`), cannot remove its folders: the next run does.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
