@@ -114,3 +114,33 @@ fn the_two_laws_differ_as_much_as_they_should() {
         assert!((uniform / original - ratio).abs() < 0.01, "z {z_um}: {}", uniform / original);
     }
 }
+
+#[test]
+fn bounds_of_spheroids_by_waves_have_the_symmetry_of_their_images() {
+    let place = tempfile::tempdir().unwrap();
+    let (file, table) = (place.path().join("rods.ron"), place.path().join("bounds.csv"));
+    let scenario = r#"(
+        name: "rods", render: (mode: waves, wavelength_um: 0.5), calibration: none,
+        optics: (lens: aplanatic, numerical_aperture: 0.3, pixel_dim_x: 64, pixel_dim_y: 64),
+        particles: (number: count(1), diameter_um: constant(1)), boundaries: (z_um: (-3, 3)),
+        motion: flow(field: poiseuille()), timing: pairs(count: 1),
+    )"#;
+    std::fs::write(&file, scenario).unwrap();
+    let optics = ["optics", path(&file), "--aspect-ratios", "2", "--spheroids", path(&table), "--no-cache"];
+    let made = microsig().args(optics).args(["--progress", "json"]).output().unwrap();
+    let said = text(&made.stderr);
+    assert!(
+        made.status.success() && said.contains(r#""task":"images","message":null,"done":105,"#),
+        "{said}"
+    );
+    let mut reader = csv::Reader::from_path(&table).unwrap();
+    let rows: Vec<[f64; 10]> = reader.deserialize().collect::<Result<_, _>>().unwrap();
+    assert_eq!(rows.len(), 105);
+    for row in rows {
+        let [_, tilt_deg, _, snr, x_px, y_px, z_um, axis_deg, aspect, mirror_sd] = row;
+        assert!([snr, x_px, y_px, z_um, axis_deg, aspect].iter().all(|bound| *bound > 0.0), "{row:?}");
+        // Upright, the image is round; upright and lying, the mirrored axis is the same.
+        assert!(tilt_deg < 90.0 || (x_px / y_px - 1.0).abs() < 1e-4, "{row:?}");
+        assert_eq!(mirror_sd < 0.1, tilt_deg == 0.0 || tilt_deg == 90.0, "{row:?}");
+    }
+}
