@@ -95,6 +95,11 @@ fn result<'a>(scores: &'a Value, case: &str, tracker: &str) -> &'a Value {
     of_case["results"].as_array().unwrap().iter().find(|of| of["tracker"] == tracker).unwrap()
 }
 
+/// Runs a scoring program that copies rounded scores, and keeps those with all digits.
+const KEEPING: &str = "import runpy, shutil, sys; copy = shutil.copy; sys.argv = sys.argv[1:]; \
+    shutil.copy = lambda a, b: (copy(a.parent.parent / 'score.json', sys.argv[3]), copy(a, b)); \
+    runpy.run_path(sys.argv[0], run_name='__main__')";
+
 #[test]
 fn the_same_result_has_the_same_score_wherever_it_is_scored() {
     let c = &*RELEASED;
@@ -142,7 +147,7 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
             let found = read(&scores.join("scores").join(tracker).join(case).join("score.json"));
             assert_eq!(of_any_file(found), evaluated, "{case}: {tracker}");
         }
-        // What Codabench shows is what a team is told.
+        // Codabench's program computes the same, of which it shows what a team is told.
         let app = place.path().join("app").join(case);
         unpack(&c.out.join(case).join("withheld/codabench.zip"), &app);
         unpack(&app.join("reference_data.zip"), &app.join("input/ref"));
@@ -151,9 +156,10 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
         fs::copy(&result, app.join("input/res/results.csv")).unwrap();
         fs::copy(mine.join("submission.json"), app.join("input/res/submission.json")).unwrap();
         let mut program = Command::new("python3");
-        program.env("MICROSIG", binary()).arg(app.join("program/scoring.py"));
-        let said = program.args([app.join("input"), app.join("output")]).output().unwrap();
+        program.env("MICROSIG", binary()).args(["-c", KEEPING]).arg(app.join("program/scoring.py"));
+        let said = program.args(["input", "output", "all.json"].map(|name| app.join(name))).output().unwrap();
         assert!(said.status.success(), "{case}: {}", String::from_utf8_lossy(&said.stderr));
+        assert_eq!(of_any_file(read(&app.join("all.json"))), evaluated, "{case}: Codabench");
         let told = read(&both.join("scores/one").join(case).join("for_team/score.json"));
         assert_eq!(of_any_file(read(&app.join("output/score.json"))), of_any_file(told), "{case}");
     }

@@ -4,7 +4,7 @@
 //! ```text
 //! codabench.zip
 //!   competition.yaml  logo.png  overview.md  evaluation.md  data.md  terms.md
-//!   reference_data.zip   test/: the truth, without images, key and scenario
+//!   reference_data.zip   test/: truth and scenario, without images and key
 //!   scoring_program.zip  metadata.yaml, scoring.py, columns.json, and the wheel if one is given
 //! ```
 //!
@@ -39,10 +39,11 @@ fn columns() -> impl Iterator<Item = &'static ScoreDef> {
     SCORES.iter().filter(|def| def.is_headline && def.published.is_some() && def.better != Better::NearZero)
 }
 
-/// Files of the test split that scoring does not need; some reveal more than the truth of this split.
+/// Whether scoring needs a file of the test split: the flow of a field is that of its scenario. The key reveals more than
+/// the truth.
 fn is_needed(path: &str) -> bool {
     let left_out = ["images/", "particles/", "calibration/"];
-    let files = ["secret_key.txt", "scenario.ron", "preview.png", "README.md"];
+    let files = ["secret_key.txt", "preview.png", "README.md"];
     !left_out.iter().any(|part| path.starts_with(part)) && !files.contains(&path)
 }
 
