@@ -26,13 +26,14 @@ struct Released {
 }
 
 const DEADLINE: &str = "2037-12-31";
+const ADDRESS: &str = "challenge@example.org";
 
 static RELEASED: LazyLock<Released> = LazyLock::new(|| {
     let place = tempfile::tempdir().unwrap();
     let [datasets, out, team, results] =
         ["datasets", "release", "team", "results"].map(|name| place.path().join(name));
     run(&["suite", "generate", "odpc1", "--size", "smoke", "--out", path(&datasets), "--quiet"]);
-    let more = ["--codabench", "--deadline", DEADLINE, "--quiet"];
+    let more = ["--codabench", "--deadline", DEADLINE, "--submit-to", ADDRESS, "--quiet"];
     run(&[&["suite", "release", "odpc1", path(&datasets), "--out", path(&out)][..], &more].concat());
     let listed = json_of(&["suite", "list", "odpc1", "--size", "smoke"]);
     let mut cases = Vec::new();
@@ -293,7 +294,14 @@ fn nothing_withheld_is_in_the_folder_to_be_published() {
     for target in page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()) {
         assert!(target.starts_with("board/") || public.join(target).is_file(), "{target}");
     }
-    assert!(page.contains(DEADLINE) && page.contains("within 0.5 px in the image plane"), "{page}");
+    for text in [
+        DEADLINE,
+        ADDRESS,
+        "within 0.5 px in the image plane.",
+        "plane and a tenth of the depth range along z",
+    ] {
+        assert!(page.contains(text), "{text}: {page}");
+    }
     // Finished challenges keep their keys, and another deadline is refused.
     let of = ["suite", "release", "odpc1", path(&c.datasets), "--out", path(&c.out), "--resume", "--quiet"];
     let message = fail(2, &of);

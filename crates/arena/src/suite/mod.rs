@@ -29,7 +29,7 @@ use generator::runner::{SuiteRecord, SuiteSelection, check_rules};
 use scenario::{Metric, Size, Split, Suite, SuiteCase};
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, UnitScores, evaluate_files};
 use scoring::ranking::{Contestant, Pairs, ScoreDef, pairs, ranks_fields};
-use site::Site;
+use site::{Site, rules};
 use storage::OutputFolder;
 use storage::dataset::manifest::GENERATOR_VERSION;
 use storage::error::{Error, Result};
@@ -191,6 +191,7 @@ type Scored = (String, std::result::Result<Option<Evaluation>, String>);
 pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<SuiteScores> {
     let record = SuiteRecord::read(datasets)?;
     record.matches(suite, datasets)?;
+    let is_released = !record.images_sha256.is_empty();
     let earlier = Earlier::new(SUITE_SCORES, options.force);
     check_replaceable(&options.out, earlier)?;
     let chosen = SuiteSelection { split: Some(Split::Test), ..options.selection.clone() };
@@ -250,7 +251,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     partial.folder().save_bytes(PAGE, page(&scores, &more)?)?;
     if let Some(site) = site {
         let more = Annotations { reports: site.reports().clone(), is_site: true, ..more };
-        site.finish(suite, &scores, &page(&scores, &more)?, [&csv, json.as_bytes()])?;
+        site.finish(&rules(suite, &scores, is_released), &page(&scores, &more)?, [&csv, json.as_bytes()])?;
     }
     partial.finish(earlier)?;
     Ok(scores)

@@ -86,8 +86,9 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
                     }
                 } }
             } }
-            @for metric in unmeasured(&cases) { p {
-                "No tracker listed here has a value for the score "  b { (ScoreDef::of(metric).title()) } "; ranks follow from the other scores."
+            @let unmeasured = unmeasured(&cases);
+            @if !unmeasured.is_empty() { p {
+                "Without a value (undefined for all, or not shown: of a withheld truth with few units): " (unmeasured.join(", ")) "."
             } }
             @if !plots.is_empty() { div.plots { @for plot in &plots { (plot) } } }
             @for case in &cases { (table(case, more)) }
@@ -96,13 +97,14 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
 }
 
 /// Ranking scores of a track that none of its results has.
-fn unmeasured(cases: &[&CaseScores]) -> Vec<Metric> {
+fn unmeasured(cases: &[&CaseScores]) -> Vec<String> {
     let has = |metric: Metric| {
         let mut results = cases.iter().flat_map(|case| &case.results);
         results.any(|result| result.value(metric).is_some_and(|value| value.value.is_some()))
     };
     let ranks = |metric: &Metric| cases.iter().any(|case| case.rank_by.contains(metric));
-    ScoreDef::metrics().filter(|metric| ranks(metric) && !has(*metric)).collect()
+    let none = ScoreDef::metrics().filter(|metric| ranks(metric) && !has(*metric));
+    none.map(|metric| ScoreDef::of(metric).title()).collect()
 }
 
 /// Median time per frame of a tracker over the cases of a track.

@@ -49,6 +49,8 @@ pub struct SuiteReleaseOptions {
     pub selection: SuiteSelection,
     /// Authors to cite.
     pub creators: Vec<String>,
+    /// Address or URL to which teams send their archives, for the page.
+    pub submit_to: Option<String>,
     /// The last day for submissions.
     pub deadline: Option<Deadline>,
     /// Leave finished challenges unchanged.
@@ -112,7 +114,7 @@ pub fn release(
         save_changed(&path, &bytes(&record)?)?;
         released.push((case, one));
     }
-    publish(suite, &record, &options.out)?;
+    publish(suite, &record, options)?;
     Ok(released)
 }
 
@@ -164,7 +166,8 @@ struct Packages {
 }
 
 /// Writes the folder to be published; a leaderboard in it is kept. The page comes last.
-fn publish(suite: &Suite, record: &SuiteRecord, out: &Path) -> Result<()> {
+fn publish(suite: &Suite, record: &SuiteRecord, options: &SuiteReleaseOptions) -> Result<()> {
+    let out = &options.out;
     let public = out.join(PUBLIC);
     std::fs::create_dir_all(&public).map_err(Error::write(&public))?;
     let folder = OutputFolder::existing(&public);
@@ -204,7 +207,7 @@ fn publish(suite: &Suite, record: &SuiteRecord, out: &Path) -> Result<()> {
     }
     own.write(SHA256SUMS, checksums::write(&sums));
     own.unpack(&folder)?;
-    folder.save_bytes(PAGE, page(suite, record, &cases))
+    folder.save_bytes(PAGE, page(suite, record, &cases, options))
 }
 
 /// Adds the files of an embedded folder.
@@ -216,19 +219,20 @@ fn add(package: &mut Package, folder: &Dir<'_>) {
 }
 
 /// `index.html`.
-fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages]) -> String {
+fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages], options: &SuiteReleaseOptions) -> String {
     let title = if suite.spec.title.is_empty() { &suite.spec.name } else { &suite.spec.title };
     let entered = |track: &&TrackSpec| cases.iter().any(|of| of.case.track == track.name);
     let body = html! {
         h1 { (title) }
         p.soft { (record.edition()) }
         @if !suite.spec.description.is_empty() { p { (suite.spec.description) } }
-        p { "Images of tracer particles for comparing methods of PIV and particle tracking. Train and val come with their truth; that of test is \
-            withheld, and " code { "commitment.sha256" } " of each case fixes it: it is published after the deadline." }
+        p { "Images of tracer particles for comparing methods of PIV and particle tracking. Train and val come with their truth. The truth of test is \
+            published after the deadline; until then, " code { "commitment.sha256" } " of each case proves that it is not changed." }
+        @if !options.creators.is_empty() { p { "Organized by " (options.creators.join("; ")) "." } }
         @if let Some(day) = &record.deadline { p { b { "Deadline: " (day) } ", " (crate::release::UNTIL) "." } }
-        p { a href=(format!("{BOARD}/{PAGE}")) { "Leaderboard" } ", with baselines as soon as the organizers have scored them." }
+        p { a href=(format!("{BOARD}/{PAGE}")) { "Leaderboard" } ", with the scores of baselines; it exists as soon as the organizers have scored them." }
         h2 { "Data" }
-        p { "Check downloaded files with " code { "sha256sum -c --ignore-missing SHA256SUMS" } " (" a href=(SHA256SUMS) { "SHA256SUMS" } "). A copy of all: "
+        p { "The table has the number of image pairs, frames or bursts of each split, and the size of its archive. Check downloaded files with " code { "sha256sum -c --ignore-missing SHA256SUMS" } " (" a href=(SHA256SUMS) { "SHA256SUMS" } "). A copy of all: "
             code { "wget --recursive --no-parent --no-host-directories ADDRESS" } "." }
         div.scroll { table.board {
             tr { th { "track" } th { "case" } th { "train" } th { "val" } th { "test" } th { "about" } }
@@ -239,9 +243,13 @@ fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages]) -> String {
             li { "Download " a href=(RECORD) { (RECORD) } " and the archives into a folder, and unpack them there. Each has a README.md that states axes, units and files." }
             li { "Choose parameters on train and val. Run your method on the images of each test split, and write " code { "RESULTS/TRACK/CASE/results.csv" } ". Cases may be left out: they count as behind all others." }
             li { "Copy " code { "submission.json" } " from " a href=("example.zip") { "example.zip" } " to " code { "RESULTS" } " and fill it in. A submission of another suite, version or size is refused." }
-            li { "Check and pack it with Python alone: " code { "python kit/python/pack.py FOLDER RESULTS team.zip" } " (" a href=("kit.zip") { "kit.zip" } ", which also has programs in Python and Octave to start from). "
+            li { "Check and pack it with " a href=("kit.zip") { "kit.zip" } ", which also has programs to start from: in Python " code { "python kit/python/pack.py FOLDER RESULTS team.zip" }
+                ", in Octave and MATLAB " code { "pack_results('FOLDER', 'RESULTS', 'team.zip')" } ". "
                 code { "python -m microsig check FOLDER team.zip" } " checks it as the organizers do (" code { "pip install microsig" } ")." }
-            li { "Send " code { "team.zip" } " to the organizers." }
+            li { "Send " code { "team.zip" } " to " @match options.submit_to.as_deref() {
+                Some(to) if to.contains("://") => { a href=(to) { (to) } },
+                to => { (to.unwrap_or("the organizers")) },
+            } ". The leaderboard shows the scores, rounded." }
         }
         h2 { "Rules" }
         @for track in suite.spec.tracks.iter().filter(entered) {
@@ -257,7 +265,7 @@ fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages]) -> String {
 /// A row of the table of cases.
 fn row(Packages { case, files }: &Packages) -> Markup {
     let folder = case.folder();
-    let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
+    let megabytes = |bytes: u64| format!("{:.2} MB", bytes as f64 / 1e6);
     let axes: Vec<String> = case.axes.iter().map(|axis| format!("{} {}", axis.label, axis.shown)).collect();
     html! { tr {
         td { (case.track) }

@@ -20,7 +20,8 @@ use super::{CaseScores, PAGE, SCORES, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScore
 use crate::report;
 use scenario::{Suite, TrackSpec};
 use scoring::evaluate::Evaluation;
-use scoring::ranking::{Better, ScoreDef};
+use scoring::ranking::{Better, ScoreDef, ranks_fields};
+use storage::dataset::manifest::ScoringGates;
 use storage::error::Result;
 use storage::folder::{Earlier, Partial, check_replaceable};
 
@@ -77,15 +78,8 @@ impl Site {
     }
 
     /// Adds the pages and tables, and gives the folder its name.
-    pub(super) fn finish(
-        self,
-        suite: &Suite,
-        scores: &SuiteScores,
-        index: &str,
-        tables: [&[u8]; 2],
-    ) -> Result<()> {
+    pub(super) fn finish(self, rules: &str, index: &str, tables: [&[u8]; 2]) -> Result<()> {
         let folder = self.partial.folder();
-        let rules = rules(suite, scores);
         let [csv, json] = tables;
         for (name, bytes) in [
             (PAGE, index.as_bytes()),
@@ -107,8 +101,8 @@ pub(super) fn contents() -> Markup {
     }
 }
 
-/// `rules.html`.
-fn rules(suite: &Suite, scores: &SuiteScores) -> String {
+/// `rules.html`. The page of a released suite, one folder above the site, says how to take part.
+pub(super) fn rules(suite: &Suite, scores: &SuiteScores, is_released: bool) -> String {
     let (name, version, size) = (&scores.suite, &scores.version, scores.size.name());
     let title = format!("Rules of {name} {version}, size {size}");
     let scored = |track: &&TrackSpec| scores.cases.iter().any(|case| case.track == track.name);
@@ -118,12 +112,14 @@ fn rules(suite: &Suite, scores: &SuiteScores) -> String {
         @if !suite.spec.title.is_empty() { p { b { (suite.spec.title) } } }
         @if !suite.spec.description.is_empty() { p { (suite.spec.description) } }
         h2 { "Taking part" }
+        @if is_released { p { a href=(format!("../{PAGE}")) { "The page of the challenge" } " has data, deadline and how to submit." } } @else {
         p { "Run a tracker on the test split of every case of a track, and write its results to files " code { "results/NAME/TRACK/CASE/results.csv" }
             ". Choose parameters on train and val only: the seeds of the test splits are public, so the comparison relies on trackers that do not \
             use the truth of test." }
         pre { "microsig suite generate " (name) " --size " (size) " --out suites/" (size) "\n\
             microsig check-submission suites/" (size) " results/NAME --suite " (name) "\n\
             microsig suite score " (name) " suites/" (size) " --results results --out scores --site site" }
+        }
         @for track in suite.spec.tracks.iter().filter(scored) {
             @let cases = scores.cases.iter().filter(|case| case.track == track.name);
             (of_track(track, cases.map(|case| case.rank_by.as_slice()).collect()))
@@ -139,19 +135,21 @@ fn rules(suite: &Suite, scores: &SuiteScores) -> String {
 pub(super) fn of_track(track: &TrackSpec, mut orders: Vec<&[scenario::Metric]>) -> Markup {
     let n = orders.len();
     orders.dedup();
-    let gates = [("in the image plane", track.gate_xy_px, "px"), ("along z", track.gate_z_um, "um")];
+    let gate_z =
+        track.gate_z_um.map_or_else(|| "a tenth of the depth range".to_owned(), |um| format!("{um} um"));
     html! {
         h2 { "Track " (track.name) ": " (track.title) }
         p { (n) @if n == 1 { " case." } @else { " cases." }
-            @for (along, gate, unit) in gates { @if let Some(gate) = gate {
-                " A point belongs to a particle within " (gate) " " (unit) " " (along) "."
-            } }
+            @if !ranks_fields(&track.rank_by) {
+                " A point belongs to a particle within " (track.gate_xy_px.unwrap_or(ScoringGates::XY_PX)) " px in the image plane"
+                @if track.dims != Some(2) { " and " (gate_z) " along z" } "."
+            }
         }
         @for order in orders {
             p { "Ranked by, in this order" @if track.rank_by != *order { " (some cases)" } ":" }
             ol { @for metric in order {
                 @let def = ScoreDef::of(*metric);
-                li { (def.title()) ", " (match def.better {
+                li { (def.title()) " (" code { (def.name) } "), " (match def.better {
                     Better::Greater => "larger is better",
                     Better::Smaller => "smaller is better",
                     Better::NearOne => "nearer to 1 is better",

@@ -187,6 +187,9 @@ struct Release {
     /// Author to cite, as `Family, Given` or the name of a group; may be repeated
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
+    /// Address or URL to which teams send their results, shown on the page
+    #[arg(long, value_name = "TEXT")]
+    submit_to: Option<String>,
     /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
     #[arg(long, value_name = "DATE")]
     deadline: Option<Deadline>,
@@ -442,6 +445,7 @@ impl Release {
             out: self.out.clone(),
             selection: self.cases.selection(),
             creators: self.creator.clone(),
+            submit_to: self.submit_to.clone(),
             deadline: self.deadline,
             resume: self.resume,
             force: self.replace.force,
