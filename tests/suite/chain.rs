@@ -174,6 +174,36 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
 }
 
 #[test]
+fn every_manifest_of_a_released_suite_has_its_rules() {
+    let c = &*RELEASED;
+    let place = tempfile::tempdir().unwrap();
+    let truth = place.path().join("truth");
+    run(&["reveal", path(&c.out), "--out", path(&truth), "--early", "--quiet"]);
+    for (case, dataset) in &c.cases {
+        let rules = |manifest: &[u8]| {
+            serde_json::from_slice::<Value>(manifest).unwrap()["microsig"]["scoring"].clone()
+        };
+        let manifest = c.datasets.join(case).join("test/datapackage.json");
+        let own = rules(&fs::read(&manifest).unwrap());
+        assert_eq!(format!("{}/{}", own["suite"]["track"], own["suite"]["case"]).replace('"', ""), *case);
+        let mut found = Vec::new();
+        for folder in [c.out.join("public").join(case), truth.join(case)] {
+            for name in suite::tree(&folder).unwrap().into_keys() {
+                let file = folder.join(&name);
+                let files = match name.ends_with(".zip") {
+                    true => unzip(&file).unwrap(),
+                    false => Files::from([(name, fs::read(&file).unwrap())]),
+                };
+                found.extend(files.into_iter().filter(|(name, _)| name.ends_with("datapackage.json")));
+            }
+        }
+        // Of the challenge, of train, val and test, and of test with its truth.
+        assert_eq!(found.len(), 5, "{dataset}: {:?}", found.iter().map(|of| &of.0).collect::<Vec<_>>());
+        found.iter().for_each(|(name, manifest)| assert_eq!(rules(manifest), own, "{case}: {name}"));
+    }
+}
+
+#[test]
 fn results_for_other_images_are_refused_by_name() {
     let c = &*RELEASED;
     let place = tempfile::tempdir().unwrap();
