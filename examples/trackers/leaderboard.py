@@ -237,46 +237,57 @@ def forget(results, all_trackers, cases):
                 shutil.rmtree(folder)
 
 
-def readme(scores, all_trackers, runs, notes):
-    """The standings, and the runs that failed."""
-    text = f"""# Leaderboard of {scores['suite']} {scores['version']}, size {scores['size']}
+def rows(file):
+    """The rows of a table, if it exists."""
+    with open(file if file.is_file() else os.devnull, newline="") as text:
+        return list(csv.DictReader(text))
 
-`index.html`, which the command writes beside this file and which is not kept in the repository, shows all cases with intervals and curves; \
-`scores.csv` contains all scores with the ends of their 95 % intervals, `times.csv` the time per frame, `versions/` the packages of each environment.
 
-""" + "\n\n".join(notes) + "\n" + NOTES
+def readme(earlier, scores, all_trackers, runs, notes):
+    """The standings, and the runs that failed. Tracks that were not scored keep their sections of the earlier text."""
+    parts = [part.split("\n", 1) for part in earlier.split("\n## ")[1:]]
+    sections = {title: text.strip("\n") for title, text in parts if title.startswith("Track ")}
     made_for = {tracker.name: " ".join(tracker.made_for.split()) for tracker in all_trackers}
     for track in dict.fromkeys(case["track"] for case in scores["cases"]):
-        text += f"\n## Track {track}\n\n"
-        rows = []
+        entries = []
         for s in (s for s in scores["standings"] if s["track"] == track):
-            times = [t["seconds_per_frame"] for t in runs if (t["tracker"], t["track"]) == (s["tracker"], track) and not t["failure"]]
+            times = [float(t["seconds_per_frame"]) for t in runs if (t["tracker"], t["track"]) == (s["tracker"], track) and t["seconds_per_frame"]]
             median = f"{statistics.median_high(times):.3f}" if times else "–"
-            rows.append([s["tracker"], s["rank"], f"{s['scored']} of {s['cases']}", s["first"], median, made_for.get(s["tracker"], "")])
+            entries.append([s["tracker"], s["rank"], f"{s['scored']} of {s['cases']}", s["first"], median, made_for.get(s["tracker"], "")])
         head = ["tracker", "rank", "cases", "first in", "s per frame, median", "made for"]
-        text += table(head, rows).rstrip("\n") + "\n" if rows else "No tracker has entered this track.\n"
-    failed = [f"- {t['tracker']} on {t['track']}/{t['case']}: {t['failure']}\n" for t in runs if t["failure"]]
-    return text + ("\n## Runs that failed\n\n" + "".join(failed) if failed else "")
+        sections[f"Track {track}"] = "\n\n".join([*notes, table(head, entries).rstrip("\n") if entries else "No tracker has entered this track."])
+    failed = [f"- {t['tracker']} on {t['track']}/{t['case']}: {t['failure']}" for t in runs if t["failure"]]
+    sections |= {"Runs that failed": "\n".join(failed)} if failed else {}
+    return f"""# Leaderboard of {scores['suite']} {scores['version']}, size {scores['size']}
+
+`index.html`, which the command writes beside this file and which is not kept in the repository, shows all cases with intervals and curves; \
+`scores.csv` contains all scores with the ends of their 95 % intervals, `times.csv` the time per frame, `versions/` the packages of each environment, \
+`results/` the results, where they are kept.
+{NOTES}""" + "".join(f"\n## {title}\n\n{text}\n" for title, text in sections.items())
 
 
 def write(out, work, all_trackers, notes):
-    """README.md, scores.csv, times.csv, index.html and versions; returns the runs that failed."""
+    """README.md, scores.csv, times.csv, index.html and versions, in which tracks that were not scored keep what they have; returns the runs that failed."""
     scores, runs = json.loads((work / "scores/suite_scores.json").read_text()), []
     for case in scores["cases"]:
         for tracker in sorted(result["tracker"] for result in case["results"]):
             record = work / "results" / tracker / case["track"] / case["case"] / "run.json"
             if record.is_file():
                 ran = json.loads(record.read_text())
-                runs.append({"tracker": tracker, "track": case["track"], "case": case["case"],
-                             "seconds_per_frame": ran["seconds_per_frame"], "failure": ran["failure"] or ""})
+                seconds = "" if ran["failure"] else f"{ran['seconds_per_frame']:.4f}"
+                runs.append({"tracker": tracker, "track": case["track"], "case": case["case"], "seconds_per_frame": seconds, "failure": ran["failure"] or ""})
     (out / "versions").mkdir(parents=True, exist_ok=True)
     shutil.copy(work / "scores/index.html", out / "index.html")
-    shutil.copy(work / "scores/suite_scores.csv", out / "scores.csv")
-    with open(out / "times.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, ["tracker", "track", "case", "seconds_per_frame", "failure"], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(r | {"seconds_per_frame": "" if r["failure"] else f"{r['seconds_per_frame']:.4f}"} for r in runs)
-    (out / "README.md").write_text(readme(scores, all_trackers, runs, notes))
+    scored = {case["track"] for case in scores["cases"]}
+    times = [row for row in rows(out / "times.csv") if row["track"] not in scored] + runs
+    found = [row for row in rows(out / "scores.csv") if row["track"] not in scored] + rows(work / "scores/suite_scores.csv")
+    for name, of in (("times.csv", times), ("scores.csv", found)):
+        with open(out / name, "w", newline="") as file:
+            writer = csv.DictWriter(file, list(of[-1]) if of else [], lineterminator="\n", extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(of)
+    page = out / "README.md"
+    page.write_text(readme(page.read_text() if page.is_file() else "", scores, all_trackers, times, notes))
     for tracker in all_trackers:
         if tracker.versions:
             (out / f"versions/{tracker.name}.txt").write_text(tracker.versions)
@@ -385,8 +396,8 @@ def main():
             print(f"{tracker.name} on {case['folder']}: {run(microsig, work, tracker, case, options.limit_s)}", flush=True)
     forget(results, usable, cases)
     packed = options.out / options.size / "results"
-    shutil.rmtree(packed, ignore_errors=True)
     for tracker in usable:
+        (packed / f"{tracker.name}.zip").unlink(missing_ok=True)
         pack(microsig, work, packed, tracker, cases)
     score = ["suite", "score", options.suite, work / "datasets", "--results", packed, "--out", work / "scores", "--force", "--quiet"]
     subprocess.run([microsig, *score, *(["--track", options.tracks[0]] if len(options.tracks) == 1 else [])], check=True)
