@@ -14,7 +14,7 @@ const SCENARIO: &str = r#"(
 )"#;
 
 /// Starts a run, waits until `ready` and kills it; `false` if it ended before.
-fn kill_when(arguments: &[&str], ready: impl Fn() -> bool) -> bool {
+pub(crate) fn kill_when(arguments: &[&str], ready: impl Fn() -> bool) -> bool {
     let mut child = microsig().arg("--quiet").args(arguments).stdout(Stdio::null()).spawn().unwrap();
     loop {
         if child.try_wait().unwrap().is_some() {

@@ -6,6 +6,7 @@ use microsig_core::stream::{Purpose, Stream, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
 use suite::ensemble::Ensemble;
 use suite::measure::lit_pixels;
+use suite::microsig::{microsig, path, text};
 
 const LAWS: [SpheroidLaw; 2] = [SpheroidLaw::Original, SpheroidLaw::Uniform];
 

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use serde_json::Value;
 use suite::microsig::{fail, path, run};
 
-use crate::robust::kill_when;
+use crate::command::kill_when;
 
 const SCENARIO: &str = r#"(
     name: "base",

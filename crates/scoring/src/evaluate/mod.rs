@@ -290,20 +290,19 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let (crps, of_crps) = crps::Crps::of((t, r), &points.sigma, matched, gates, resampled);
     let in_plane = || isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), resampled);
     let isbi_2d = (isbi.dims == 3).then(in_plane).transpose()?.map(|(isbi, _)| isbi);
-    let range = truth.facts.depth_um.zip(h).filter(|_| depth);
-    let gdpt = range.map(|(range, h)| {
-        let gates = (gate.xy_px, options.gate_z_um.unwrap_or(ScoringGates::over(h).z_um));
-        gdpt::Gdpt::of(t, r, gates, range, resampled)
-    });
     let mut assumptions = truth.notes.clone();
     assumptions.extend(points.notes.iter().cloned());
     let velocities = motion::reported(truth, points).unwrap_or_else(|note| {
         assumptions.push(note);
         None
     });
-    let velocities = velocities.as_deref();
-    let compared =
-        TrackComparison { truth, clouds: (t, r), matching: &matching, depth, reported: velocities };
+    let compared = TrackComparison {
+        truth,
+        clouds: (t, r),
+        matching: &matching,
+        depth,
+        reported: velocities.as_deref(),
+    };
     let units = UnitScores {
         detection: of_points.iter().map(|s| [s[0], s[1], s[2]]).collect(),
         links: of_links,
@@ -325,12 +324,12 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         clear: Some(clear::Clear::of(t, r, &candidates, gate.xy_px, resampled)),
         identity: Some(identity::Identity::of(t, r, &candidates, resampled)),
         ctc: Some(ctc::Ctc::of(t, r, &matching)),
-        gdpt: gdpt.transpose()?,
+        gdpt: gdpt_of(truth, (t, r), (gate.xy_px, depth), options, resampled)?,
         uncertainty: claims(points, (t, r), &matching, depth),
         crps: Some(crps),
         orientation,
         size,
-        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, resampled)),
+        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities.as_deref(), resampled)),
         curves: curves::curves(truth, (t, r), &matching, depth),
         counts,
         offset: offset.map(|(shift, f1_without)| Offset { x_px: shift[0], y_px: shift[1], f1_without }),
@@ -352,7 +351,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         ..Score::default()
     };
     let particles = Particles {
-        found_u_um_s: motion::found_u(truth, (t, r), &matching, velocities),
+        found_u_um_s: motion::found_u(truth, (t, r), &matching, velocities.as_deref()),
         true_u_um_s: truth.velocity_um_s.iter().map(|v| v[0]).collect(),
         sensor_px: truth.facts.sensor_px,
         matching,
@@ -360,6 +359,22 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         scored,
     };
     Ok(Evaluation { score, particles: Some(particles), units, ..Evaluation::default() })
+}
+
+/// The scores of general defocusing particle tracking, if depth is scored and its range known.
+fn gdpt_of(
+    truth: &TrueParticles,
+    (t, r): (&TrackSet, &TrackSet),
+    (xy_px, depth): (f64, bool),
+    options: &EvaluateOptions,
+    units: &Units,
+) -> Result<Option<gdpt::Gdpt>> {
+    let range = truth.facts.depth_um.zip(truth.facts.depth_h_um()).filter(|_| depth);
+    let gdpt = range.map(|(range, h)| {
+        let gates = (xy_px, options.gate_z_um.unwrap_or(ScoringGates::over(h).z_um));
+        gdpt::Gdpt::of(t, r, gates, range, units)
+    });
+    gdpt.transpose()
 }
 
 /// Caveats for reading the scores.
