@@ -130,7 +130,7 @@ fn name_of(manifest: &serde_json::Value) -> Option<&str> {
     resources.filter_map(|of| of["path"].as_str()).find_map(|path| path.strip_suffix("-train.zip"))
 }
 
-/// Maximum size of a list of checksums, bytes; that of a million files has 100 MB.
+/// Maximum size of a list of checksums, bytes; a million files take 100 MB.
 const LONGEST: u64 = 1 << 30;
 
 /// The checksums in the archive of the train split.

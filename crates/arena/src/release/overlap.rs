@@ -4,7 +4,7 @@
 //! submitted as a result, scores well on the test split. It is therefore matched to the test split here; as a
 //! control, the same truth is matched after shifts by a few gates in many directions, which gives the rate of
 //! chance matches at the same particle density. A deterministic flow has a single velocity field, so
-//! `truth/field.csv` of train is also that of the test split.
+//! train and test have the same `truth/field.csv`.
 
 use std::collections::HashMap;
 use std::path::Path;

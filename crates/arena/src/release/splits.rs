@@ -1,6 +1,6 @@
 //! The splits of a challenge (train, val, test): the same scenario with different random numbers.
 //!
-//! Train is the dataset itself. Val uses a public seed derived from that of the dataset, so that anybody can
+//! Train is the dataset itself. Val uses a public seed derived from the dataset's, so that anybody can
 //! regenerate it. Test uses a secret key. Random velocity fields have an independent realization in each
 //! split.
 

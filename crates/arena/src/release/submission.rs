@@ -333,7 +333,7 @@ pub(crate) fn about(
     Some(submission)
 }
 
-/// The problem with a submission whose images are not those of the test split with this hash, of this `TRACK/CASE`.
+/// The problem with a submission for other images than the test split with this hash, of this `TRACK/CASE`.
 pub(crate) fn other_images(
     submission: &Submission,
     path: &InputFile,

@@ -76,7 +76,7 @@ fn montage(made: &FieldFiles) -> Result<Markup> {
     })
 }
 
-/// Measured values, those of the field dependence, and residuals of a quantity.
+/// Measured values, fitted field dependence and residuals of a quantity.
 fn maps(fitted: &FieldFit, quantity: usize, name: &str, size_px: [usize; 2]) -> Markup {
     let singles = || fitted.particles.iter().filter(|particle| particle.is_single);
     let count = singles().count().max(1) as f64;

@@ -244,7 +244,7 @@ pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
     ranked
 }
 
-/// Places in [`SCORES`] of the scores that rank results: those of the dataset's rules, otherwise those of the subject that
+/// Places in [`SCORES`] of the scores that rank results: by the dataset's rules, otherwise by the subject that
 /// some result has. Fields of versions without reference nodes only have scores at their own vectors.
 fn criteria(subject: Subject, rules: &[Metric], has: impl Fn(usize) -> bool) -> Vec<usize> {
     let place = |metric: &Metric| SCORES.iter().position(|def| def.metric == Some(*metric));

@@ -1,4 +1,4 @@
-//! Images of particles beside those of a model, as data URIs.
+//! Images of particles beside a model's, as data URIs.
 
 use std::io::Cursor;
 

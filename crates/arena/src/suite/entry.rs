@@ -20,7 +20,7 @@ use storage::{InputFile, TemporaryFolder, input};
 /// The results of a tracker.
 #[derive(Debug)]
 pub(super) struct Entry {
-    /// Name of the tracker: that of the folder or archive.
+    /// Name of the tracker, its folder or archive.
     pub(super) name: String,
     /// The folder with the tracks.
     pub(super) folder: PathBuf,
@@ -64,7 +64,7 @@ impl Entry {
         Ok(Entry { fault, ..entry })
     }
 
-    /// Whether it states what was sent, so that its faults are those of a team.
+    /// Whether it states what was sent, so that its faults are a team's.
     pub(super) fn is_submission(&self) -> bool {
         self._unpacked.is_some() || self.about.is_some() || self.fault.is_some()
     }

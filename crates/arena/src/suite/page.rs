@@ -16,7 +16,7 @@ use storage::error::Result;
 /// Information besides the scores.
 #[derive(Debug, Clone, Default)]
 pub struct Annotations {
-    /// Names of trackers on the page, where they differ from those of their folders.
+    /// Names of trackers on the page, where they differ from the names of their folders.
     pub names: BTreeMap<String, String>,
     /// What each tracker was made for, by name.
     pub made_for: BTreeMap<String, String>,

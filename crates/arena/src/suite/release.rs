@@ -73,7 +73,7 @@ pub struct SuiteReleaseOptions {
 /// was made now.
 ///
 /// # Errors
-/// Those of [`crate::release::release`]; datasets whose rules are not those of the suite; a release of another suite,
+/// As for [`crate::release::release`]; datasets with other rules than the suite's; a release of another suite,
 /// version, size or deadline.
 pub fn release(
     suite: &Suite,
