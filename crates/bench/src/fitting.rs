@@ -91,7 +91,7 @@ impl FittedScan {
         }
     }
 
-    /// Writes report and files; `scan` is the scan's name, `out` that of the folder.
+    /// Writes report and files; `scan` and `out` are the names of scan and folder.
     fn write(&self, folder: &OutputFolder, scan: &str, out: &Path) -> Result<()> {
         let page = match self {
             FittedScan::Uniform(made) => {

@@ -155,7 +155,7 @@ impl SpeedMap {
         SpeedMap { pixels, fastest }
     }
 
-    /// The map as an element of an SVG file, from the centers of the first to those of the last of these columns
+    /// The map as an element of an SVG file, from the centers of the first to the last of these columns
     /// and rows, as plotters places axes; it would write thousands of rectangles.
     fn image(&self, (columns, rows): (Range<i32>, Range<i32>)) -> Drawn<String> {
         let mut png = std::io::Cursor::new(Vec::new());

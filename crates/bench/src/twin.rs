@@ -39,7 +39,7 @@ const AROUND: usize = 9;
 /// Most particles of a cluster, which touch on a hexagonal lattice.
 const MOST_IN_CLUSTER: usize = 37;
 
-/// Numbers of tracks of particles that are not those of the scan.
+/// Track numbers of particles that the scan does not contain.
 const OTHERS: u64 = 10_000_000;
 
 /// Share of the depth range about the focus in which images hardly depend on depth.

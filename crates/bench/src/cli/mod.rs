@@ -84,7 +84,7 @@ pub struct Cli {
     common: Common,
 }
 
-/// Options of all verbs; those of several verbs are in [`options`].
+/// Options of all verbs; options of several verbs are in [`options`].
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Global options")]
 struct Common {
@@ -216,7 +216,7 @@ impl Cli {
     /// Runs a verb for a program, in its threads: prints nothing and never exits. A check that failed after
     /// the verb had a result is part of the answer.
     pub fn call(arguments: &[OsString], progress: Progress) -> Result<Answer> {
-        // The standard streams are those of the program: for it, `-` is a file like any other.
+        // The standard streams belong to the program: for it, `-` is a file like any other.
         let arguments = arguments.iter().map(|argument| match argument.to_str() {
             Some("-") => OsString::from("./-"),
             Some(text) if text.starts_with("--") && text.ends_with("=-") => {

@@ -1,7 +1,7 @@
 //! Trackers and scores over the cases of a sweep: `microsig sweep --track --evaluate --plot`.
 //!
-//! Results are `results/METHOD/CASE.csv` in the sweep's folder, where those of other programs are scored as well, scores
-//! `scores/METHOD/CASE/`, and plots of the scores against the axes `comparison/`. They equal those of `microsig track`, `evaluate` and `compare`.
+//! Results are `results/METHOD/CASE.csv` in the sweep's folder, also of other programs, scores
+//! `scores/METHOD/CASE/`, and plots of the scores against the axes `comparison/`. They equal what `microsig track`, `evaluate` and `compare` write.
 
 use std::path::{Path, PathBuf};
 
@@ -187,7 +187,7 @@ impl SweepScores {
     }
 }
 
-/// The results and scores of a tracker on those of these cases that were generated.
+/// The results and scores of a tracker on the cases that were generated.
 fn entries_of(tracker: &str, out: &Path, cases: &[&Case]) -> Vec<Entry> {
     let of = |case: &Case| Entry {
         tracker: tracker.to_owned(),

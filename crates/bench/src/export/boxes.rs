@@ -77,7 +77,7 @@ impl Boxes {
         all.map(|one| one.class).max().unwrap_or(0) + 1
     }
 
-    /// COCO's annotations of instances; those of particles whose centers are off the sensor are crowds, which
+    /// COCO's annotations of instances; particles whose centers are off the sensor are crowds, which
     /// are not scored.
     fn coco(&self) -> Value {
         let (width, height) = self.size;

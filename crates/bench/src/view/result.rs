@@ -1,6 +1,6 @@
 //! A result on the page: the outcome of `evaluate` for every point.
 //!
-//! Scores and matching are those of [`scoring::evaluate`] with the default options of `microsig evaluate`, so
+//! Scores and matching come from [`scoring::evaluate`] with the default options of `microsig evaluate`, so
 //! the numbers on the page equal those in `score.json`.
 
 use std::ops::Range;
@@ -55,7 +55,7 @@ struct Point {
     /// Row in the table of the truth ([`NONE`] for ghosts) and in the result ([`NONE`] for missed particles).
     truth_row: u32,
     result_row: u32,
-    /// True position, or that of a ghost: px, px, um.
+    /// Position of a true particle or a ghost: px, px, um.
     at: [f64; 3],
     /// Position error (result - truth) of a found particle: px, px, um; NaN for others.
     error: [f64; 3],

@@ -33,7 +33,7 @@ pub struct Subject {
 /// A dataset that can be opened.
 #[derive(Debug, Clone)]
 pub struct DatasetEntry {
-    /// Its name, or that of its case in a sweep.
+    /// Its name, or its case's in a sweep.
     pub name: String,
     /// Its folder.
     pub folder: PathBuf,
@@ -44,7 +44,7 @@ pub struct DatasetEntry {
 /// A tracker with its results.
 #[derive(Debug, Clone)]
 pub struct Tracker {
-    /// Its name: that of its file or folder.
+    /// The name of its file or folder.
     pub name: String,
     /// The result for each dataset, if there is one.
     pub results: Vec<Option<PathBuf>>,
