@@ -15,7 +15,7 @@ pub(super) struct Run<'a> {
     pub(super) derivatives: Option<Derivatives>,
     /// Difference of -2 ln(likelihood) from the other direction of the stage; `None` if that was not tried.
     pub(super) direction_margin: Option<f64>,
-    /// Comparison of a fit by waves with that of geometrical optics.
+    /// Comparison of a fit by waves with one by geometrical optics.
     pub(super) comparison: Option<Comparison>,
 }
 

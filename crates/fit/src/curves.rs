@@ -27,11 +27,11 @@ const FEW_STEPS: usize = 8;
 const STEPS: usize = 40;
 const FOLLOWED: usize = 2;
 
-/// Windows in which widths are measured, over those of the fit: the images far from focus may be wider than a window,
+/// Windows in which widths are measured, relative to the fit's: the images far from focus may be wider than a window,
 /// whose background their light then hides.
 const WINDOWS: [f64; 3] = [1.0, 0.7, 0.5];
 
-/// Initial slopes of marginal rays, over that of the widest images: for images wider than a window, these are no measure.
+/// Initial slopes of marginal rays, relative to the widest images: for images wider than a window, these are no measure.
 const SLOPES: [f64; 2] = [1.0, 0.5];
 
 /// Starts whose curves fit worse than the best of the same window by this factor are not tried.
@@ -82,7 +82,7 @@ struct Curves {
     stage_um: Vec<f64>,
     /// Per plane: three radii, or three |u| and three |v|.
     radii: Vec<Vec<f64>>,
-    /// Shift of each particle's curve relative to that of the first particle, um of stage position.
+    /// Shift of each particle's curve relative to the first particle's, um of stage position.
     shifts: Vec<f64>,
 }
 

@@ -31,7 +31,7 @@ pub(super) struct Accuracy {
     pub(super) of_sides: f64,
     /// Whether differences are central; otherwise only the upper image is new.
     pub(super) central: bool,
-    /// Steps of differences over those of [`Shared::step`].
+    /// Steps of differences, relative to [`Shared::step`].
     pub(super) steps: f64,
 }
 

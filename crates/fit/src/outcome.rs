@@ -115,7 +115,7 @@ pub struct Fitted {
     pub version: &'static str,
     /// `geometric` or `waves`.
     pub model: &'static str,
-    /// Comparison of a fit by waves with that of geometrical optics.
+    /// Comparison of a fit by waves with one by geometrical optics.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub comparison: Option<Comparison>,
     /// Quantities that are common to all particles.
@@ -302,7 +302,7 @@ impl Fitted {
     }
 }
 
-/// Share of a particle's light by which a background that is wrong over a window may differ from that of the scan: 1.7 %
+/// Share of a particle's light by which a wrong background over a window may differ from the scan's: 1.7 %
 /// for overlapping halos that give an NA of 0.66 instead of 0.4, below 0.1 % for isolated images at NA 0.3.
 const HALO: f64 = 0.01;
 
@@ -320,7 +320,7 @@ fn halos(problem: &Problem, state: &State) -> Option<String> {
     halo([state.background(), problem.background.mean], light, edge, is_crowded)
 }
 
-/// A warning if the fitted background (counts) differs from that of the scan's darkest pixels: a background and a halo
+/// A warning if the fitted background (counts) differs from the scan's darkest pixels: a background and a halo
 /// that fills a window of this edge (px) can stand in for each other, at another numerical aperture.
 fn halo([fitted, dark]: [f64; 2], light: f64, edge: usize, is_crowded: bool) -> Option<String> {
     let share = (dark - fitted).abs() * (edge * edge) as f64 / light;

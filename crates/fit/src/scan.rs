@@ -198,7 +198,7 @@ impl Scan {
 }
 
 /// The count of saturated pixels: the highest one if it is the full scale of a camera or if many pixels have
-/// it, otherwise that of the file's pixel type.
+/// it, otherwise the range of the file's pixel type.
 fn saturation(planes: &[Vec<u16>], of_type: u16) -> u16 {
     let mut histogram = vec![0_u64; 1 << 16];
     planes.iter().flatten().for_each(|count| histogram[usize::from(*count)] += 1);

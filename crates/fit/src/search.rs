@@ -85,7 +85,7 @@ pub(super) fn best_start(
 }
 
 /// Final fit: minimizes, estimates the variance of light from the residuals and rejects outlying windows,
-/// repeatedly. `derivatives` become those of the last step.
+/// repeatedly. `derivatives` are replaced by those at the last step.
 pub(super) fn converge(
     problem: &mut Problem,
     mut state: State,

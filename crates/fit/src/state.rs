@@ -40,10 +40,10 @@ impl Noise {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Count {
     pub(super) mean: f64,
-    /// Derivative of the mean with respect to that of n.
+    /// Derivative of the mean with respect to the mean of n.
     pub(super) slope: f64,
     pub(super) variance: f64,
-    /// The variance of n over that of the count.
+    /// The variance of n over the variance of the count.
     pub(super) reduction: f64,
 }
 

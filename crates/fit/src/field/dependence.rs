@@ -107,7 +107,7 @@ const ITERATIONS: usize = 8;
 /// Distance, in standard deviations, beyond which the weight of a particle falls.
 const FAR: f64 = 2.0;
 
-/// Fewest particles that determine the field dependence; of fewer, only that of the focus is fitted.
+/// Fewest particles that determine the field dependence; with fewer, only tilt and curvature of the focus are fitted.
 pub(super) const FEWEST: usize = 8;
 
 /// Fewest particles that determine tilt and curvature of the focus and leave some to tell the scatter about them.
@@ -352,7 +352,7 @@ fn regress(
         })
         .collect();
     if designs.len() < FEWEST {
-        // Too few to tell their scatter: standard deviations are those of their fits.
+        // Too few to tell their scatter: the fits state the standard deviations.
         let sds = (0..m).map(|j| libm::sqrt(inverse.at(j, j))).collect();
         return Some((solution, sds, residuals));
     }

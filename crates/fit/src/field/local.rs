@@ -71,7 +71,7 @@ impl Instrument {
         half: usize,
         tolerance: f64,
     ) -> Result<SingleImages, Error> {
-        // The wider of the two half widths is that of the numerical aperture.
+        // The wider of the two half widths belongs to the numerical aperture.
         let (along, across) = match local[MERIDIONAL] {
             m if m > 1.0 => (1.0, 1.0 / m),
             m => (m, 1.0),

@@ -90,7 +90,7 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     let fitted = particles::given(scan, &options.places_px)?.len();
     let candidates = particles::given(scan, &[options.places_px.as_slice(), &options.all_px].concat())?;
     let half = options.half_window.unwrap_or_else(|| {
-        // Beyond half the spacing, light is mostly that of others, which is masked.
+        // Beyond half the spacing, most light comes from other particles and is masked.
         particles::half_width(scan, background, &candidates).min(particles::half_spacing(&candidates))
     });
     let instrument = instrument(options);

@@ -23,7 +23,7 @@ pub struct FieldParticle {
     pub y_px: f64,
     /// Place in the field, mm from its center in the particles' space.
     pub place_mm: [f64; 2],
-    /// Whether its images are those of one particle; otherwise it is perhaps two, or a dirty one.
+    /// Whether its images show one clean particle rather than two, or a dirty one.
     pub is_single: bool,
     /// Mean square of residuals over the variance of the mean of repeated frames, with values of its own.
     pub chi2: f64,

@@ -1,4 +1,4 @@
-//! Fits of scans that the fit did not make: their images are those of a microscope with terms of the field as in a
+//! Fits of scans that the fit did not make: images of a microscope with terms of the field as in a
 //! scenario, at a tenth of the fit's tolerance, with shot noise.
 
 use microsig_core::Particle;
@@ -15,7 +15,7 @@ use super::*;
 const HALF: usize = 8;
 const PITCH: usize = 49;
 
-/// Dark counts, those of the background's light, and read noise, counts.
+/// Dark counts, background light and read noise, counts.
 const OFFSET: f64 = 80.0;
 const GLOW: f64 = 20.0;
 const READ_NOISE: f64 = 2.0;
@@ -313,7 +313,7 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
     let optics = &twin.spec.optics;
     assert_eq!((optics.field, optics.blur_um), (Some(fitted.field), Some(0.86)), "{text}");
     assert_eq!(twin.settings.numerical_aperture, 0.441);
-    // 200,000 counts of light are that of a particle: photons times counts per electron.
+    // 200,000 counts of light for a particle: photons times counts per electron.
     let particle = Particle::sphere(0.0, 0.0, 0.0, options.diameter_um);
     let counts = emitted_rays(&twin.settings, &particle) * twin.settings.gain * 0.09;
     assert!((counts / 2e5 - 1.0).abs() < 1e-3, "{counts}");
