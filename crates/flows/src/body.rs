@@ -68,7 +68,7 @@ impl Body {
         self.wall(x).overlaps(self.margin(radius))
     }
 
-    /// Gap (um) between the surface of the body and that of a particle of `radius` (um) at `x` (negative:
+    /// Gap (um) between the surfaces of the body and of a particle of `radius` (um) at `x` (negative:
     /// overlap), and the normal of the body there.
     pub(crate) fn room(&self, x: DVec3, radius: f64) -> (f64, DVec3) {
         let wall = self.wall(x);

@@ -214,7 +214,7 @@ mod tests {
         );
         let settling = Settling::new(50.0, &Liquid::default(), DVec3::NEG_Z).unwrap();
         let sphere = settling.velocity(1.0, &SpheroidFriction::SPHERE, DVec3::X).z;
-        // The weight is three times that of the sphere: relative to it, a rod falls at 3 / 1.4045 end-on and
+        // It weighs three times as much as the sphere: relative to it, a rod falls at 3 / 1.4045 end-on and
         // 3 / 1.7276 broadside.
         let falls = |axis: DVec3| settling.velocity(1.0, &rod, axis);
         assert!((falls(DVec3::Z).z / sphere - 2.1360).abs() < 1e-3, "{}", falls(DVec3::Z).z / sphere);

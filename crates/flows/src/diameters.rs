@@ -62,7 +62,7 @@ impl Diameters {
         Self::truncated(false, mean, sd, (min, max))
     }
 
-    /// Lognormal distribution (um), truncated like [`Diameters::normal`]; `mean` and `sd` are those of the
+    /// Lognormal distribution (um), truncated like [`Diameters::normal`], with `mean` and `sd` of the
     /// diameter, not of its logarithm, before truncation.
     pub fn lognormal(mean: f64, sd: f64, min: f64, max: f64) -> Result<Self> {
         CHECK.positive("mean_um", mean)?;

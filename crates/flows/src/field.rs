@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// A velocity field u(x, t), steady or not.
 ///
-/// The velocity is defined at every finite point: inside walls it is that of the wall, at singular points it
+/// The velocity is defined at every finite point: inside walls it is the wall's, at singular points it
 /// is not finite. A trajectory that reaches such a point ends in [`crate::Error::Trajectory`].
 pub trait VelocityField: Send + Sync + Debug {
     /// The velocity at `x` (um) and `t` (s), um/s.

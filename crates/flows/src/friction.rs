@@ -10,7 +10,7 @@
 //! oblate spheroids and the sphere without a case distinction; Perrin's logarithms and arctangents suffer
 //! from cancellation near the sphere.
 
-/// Friction coefficients of a spheroid relative to those of the sphere of the same equatorial diameter d.
+/// Friction coefficients of a spheroid relative to a sphere of the same equatorial diameter d.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpheroidFriction {
     /// Aspect ratio, polar over equatorial diameter; 1 for a sphere.

@@ -6,7 +6,7 @@
 //! q_x(d)) and sqrt(q_(x-d)(d) / q_x(d)) (Livingstone and Zanella, J. R. Stat. Soc. B 84 (2022) 496, choose
 //! the sign in this way). A place inside a wall has q = 0. The step to y is accepted with probability min(1,
 //! N(x, d) / N(y, d)), where N is the sum of the two square roots; otherwise the sphere stays. The
-//! probability of going from x to y, 2 sqrt(q_x q_y) / max(N(x, d), N(y, d)), is that of going from y to x. A
+//! probability of going from x to y, 2 sqrt(q_x q_y) / max(N(x, d), N(y, d)), equals the one of going from y to x. A
 //! uniform cloud therefore stays uniform for any step, in one gap or between curved walls, no sphere enters a
 //! wall, and steps backward in time have the same statistics as steps forward.
 //!

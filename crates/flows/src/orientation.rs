@@ -205,7 +205,7 @@ mod tests {
         let n = (0..20_000)
             .map(|k| h * f64::from(k))
             .fold(start, |n, t| n + rate(n + rate(n, t) * (0.5 * h), t + 0.5 * h) * h);
-        // The error of the midpoint rule is (h g)^2 g t / 24 = 1e-9, that of the steps under test 1e-9 each.
+        // The error of the midpoint rule is (h g)^2 g t / 24 = 1e-9, of the steps under test 1e-9 each.
         assert!((end - n).length() < 1e-8, "{}", (end - n).length());
         // Backward in time.
         let there = field.flow_map(x, 0.0, 0.05).unwrap();

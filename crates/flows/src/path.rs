@@ -6,7 +6,7 @@
 //! parts of its first half. Each point of a streak is the mean over a part of the exposure, not the place in
 //! its middle, so that for any number of points the center of an image has the variance D T / 6 about the
 //! position in the middle of an exposure T. Displacements of centers then have the variance 2 D (dt - T/3), as
-//! in a camera, and those of the positions 2 D dt. Only the first half of the first
+//! in a camera, and positions 2 D dt. Only the first half of the first
 //! exposure of a particle is a random walk backward in time from the middle of the exposure, which has the
 //! same statistics.
 
@@ -18,7 +18,7 @@ use glam::DVec3;
 use microsig_core::stream::{Purpose, Stream, Streams};
 
 /// Largest angle (rad) by which the axis of a settling spheroid may turn in one piece of a path, whose
-/// settling velocity is that of the mid-piece orientation: the relative error of the settling velocity is
+/// settling velocity follows from the mid-piece orientation: the relative error of the settling velocity is
 /// below 1e-4.
 const TURN_PER_PIECE: f64 = 0.05;
 /// Maximum number of pieces of one drift.

@@ -2,7 +2,7 @@
 //!
 //! With s = (z - z0) / H, u = V s + 4 U s (1 - s) along a direction in the xy-plane (Landau & Lifshitz, Fluid
 //! Mechanics, section 17). The flow is steady and fully developed. Trajectories are straight lines at
-//! constant speed. Beyond the plates the velocity is that of the plate.
+//! constant speed. Beyond the plates the velocity is the plate's.
 
 use super::plates::{Plates, along, direction};
 use super::prelude::*;

@@ -27,7 +27,7 @@ use crate::wall::ParabolicCap;
 
 /// Height up to which the toroidal formula is extended, relative to that of the surface.
 const BEYOND: f64 = 1.1;
-/// Radius from which tracers are deposited, relative to that of the drop.
+/// Radius from which tracers are deposited, relative to the drop's.
 const RIM: f64 = 0.98;
 
 params! {

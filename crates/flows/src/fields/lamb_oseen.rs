@@ -3,7 +3,7 @@
 //! v(r, t) = G / (2 pi r) (1 - e^(-r^2/s)), s = rc^2 + 4 nu t (Saffman, Vortex Dynamics, section 13.1; rc is
 //! the core radius at t = 0). The maximum speed at t = 0 is 0.638173 G / (2 pi rc), at r = 1.120906 rc, where
 //! q = r^2/s solves e^q = 1 + 2q. With nu = 0 the vortex is steady: a smooth vortex of fixed size, which is
-//! not a solution of the Navier-Stokes equations. Before t = -rc^2 / (4 nu) the field is that of the initial
+//! not a solution of the Navier-Stokes equations. Before t = -rc^2 / (4 nu) the field is the one of the initial
 //! line vortex.
 //!
 //! Trajectories are circles. With q = r^2/s and h(q) = (1 - e^-q) / q the angle of rotation is G/2pi INT

@@ -149,7 +149,7 @@ fn even_axis(axis: usize, at: &[f64]) -> Result<(f64, f64)> {
     }
 }
 
-/// Index of the array of velocities among those of three components: the one named `array`, or the only one.
+/// Index of the array of velocities among the vectors: the one named `array`, or the only one.
 fn select(names: &[&str], array: Option<&str>, has_cells: bool) -> Result<usize> {
     let all = names.join(", ");
     match (array, names) {

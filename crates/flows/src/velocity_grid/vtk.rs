@@ -162,7 +162,7 @@ impl<R: BufRead> VtkLines<'_, R> {
         Ok(vectors)
     }
 
-    /// The values of an array. Only those of three components or coordinates are kept, which must be finite.
+    /// The values of an array. Only vectors and coordinates are kept, which must be finite.
     fn numbers(&mut self, components: usize, tuples: usize, kind: &str) -> Result<Vec<f64>> {
         let wrong = |line: usize, found: String, expected: &str| -> Error {
             fault("vtk", Some(line), found, expected)

@@ -190,7 +190,7 @@ fn half_steps(case: &Case) -> Finding {
         return Err("no closed form");
     }
     let map = |x, t0, t1| case.field.flow_map(x, t0, t1).unwrap_or(DVec3::NAN);
-    // Flow maps form a group. Rounding errors are a few times those of 300 um, 1e-11 um, and 1e-10 um for
+    // Flow maps form a group. Rounding errors are a few times 1e-11 um (the rounding of 300 um), and 1e-10 um for
     // Womersley's series at Wo = 40.
     Ok((
         case.over_samples(|x, t| {

@@ -118,7 +118,7 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
     assert!(relative.abs() < 4.0 * (2.0_f64 / n).sqrt(), "{relative}, {n}");
 }
 
-/// Displacements of the positions have the variance 2 D dt, those of centers of images 2 D (dt - T / 3), and
+/// Displacements of the positions have the variance 2 D dt, of centers of images 2 D (dt - T / 3), and
 /// successive ones, which share an exposure, the covariance D T / 3 (Savin and Doyle, Biophys. J. 88 (2005)
 /// 623; Berglund, Phys. Rev. E 82 (2010) 011917). Centers have the variance D T / 6 about the positions. For
 /// streaks of one, two, three and many points.

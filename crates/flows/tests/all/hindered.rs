@@ -34,7 +34,7 @@ fn frames(scene: &Scene, count: u32, dt_s: f64) -> Vec<Frame> {
     scene.record(&times, Streams::new(3), RecordingStart::default()).unwrap().map(Result::unwrap).collect()
 }
 
-/// Largest deviation of the distribution of `shares` from that of `known` (Kolmogorov-Smirnov), times the
+/// Largest deviation of the distribution of `shares` from `known` (Kolmogorov-Smirnov), times the
 /// root of their number: above 1.95 with a probability of 0.1 %.
 fn deviation(mut shares: Vec<f64>, known: impl Fn(f64) -> f64) -> f64 {
     shares.sort_by(f64::total_cmp);

@@ -258,7 +258,7 @@ fn numbers_are_those_of_the_fluid() {
     assert!(first.unwrap_err().to_string().contains("a position in the fluid"));
 }
 
-/// Images overlap as the particles around them are many, not as those of the whole sensor are.
+/// Overlap follows from the density around an image, not from the mean over the sensor.
 #[test]
 fn the_image_share_is_that_of_the_fluid_in_the_image() {
     let domain = wide();

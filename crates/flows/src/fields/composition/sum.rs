@@ -79,7 +79,7 @@ impl VelocityField for Sum {
     }
 
     fn confine(&self, mut x: DVec3, t: f64, radius: f64) -> DVec3 {
-        // A particle moved out of the walls of one field may overlap those of another.
+        // A particle moved out of the walls of one field may overlap the walls of another.
         for _ in 0..MAX_ROUNDS {
             let held = self.0.iter().fold(x, |x, field| field.confine(x, t, radius));
             if held == x {

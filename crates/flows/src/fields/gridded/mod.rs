@@ -6,7 +6,7 @@
 //!
 //! Trilinear: the velocity is continuous, its gradient is discontinuous at the cell faces. Tricubic: the
 //! interpolating tensor-product cubic B-spline (de Boor, A Practical Guide to Splines, chapters IX and XIII),
-//! with two continuous derivatives; the gradient is that of the interpolant. End conditions are not-a-knot,
+//! with two continuous derivatives; the gradient is the interpolant's. End conditions are not-a-knot,
 //! which reproduces cubic polynomials up to the edge, or periodic. Beyond a non-periodic edge the velocity is
 //! that at the edge.
 //!
