@@ -1,7 +1,7 @@
 //! Calibration stacks: one particle, scanned through the depth range; a stack for each size of particles.
 //!
 //! The particle is on the central pixel of a sensor just large enough for the largest image. Settings and
-//! noise are those of the dataset, random streams are separate. Depths start at the lower end of the depth
+//! noise are the dataset's, random streams are separate. Depths start at the lower end of the depth
 //! range and reach its upper end; they are the same for all sizes. Stacks at several places of the field of
 //! view are parts of the dataset's sensor: the renderer draws the particle at its place in the frame.
 
@@ -101,7 +101,7 @@ fn settings(scenario: &Scenario, camera: &Camera, particles: &[Particle]) -> Set
 fn particle(scenario: &Scenario, d_um: f64, z_um: f64) -> Particle {
     let depth_factor = scenario.depth_factor();
     let sphere = Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um);
-    // Without photons, the stack's particle has `c_int` 1, independent of that of the dataset's particles.
+    // Without photons, the stack's particle has `c_int` 1, whatever the dataset's particles have.
     match scenario.cloud.photons {
         Some(_) => Particle { c_int: scenario.cloud.typical_c_int(d_um), ..sphere },
         None => sphere,
@@ -174,7 +174,7 @@ impl CalibrationStack {
         }))
     }
 
-    /// The stacks at several places, from the particles of one of them; `settings`: those of the images.
+    /// The stacks at several places, from the particles of one of them; `settings`: of the images.
     fn over_field(
         scenario: &Scenario,
         settings: Settings,
@@ -241,7 +241,7 @@ impl CalibrationStack {
         self.particles.len() > self.depths_um.len() * self.places.len().max(1)
     }
 
-    /// Folders of the data files and images of a row below those of the calibration.
+    /// Folders of the data files and images of a row, below the folders of the calibration.
     fn folder(&self, row: usize) -> String {
         let place = self.place(row).map_or_else(String::new, |of| format!("/place_{:02}", of.place.place));
         let size =

@@ -87,7 +87,7 @@ impl Camera {
         sensor.expose(&part, &self.streams, self.noise, frame)
     }
 
-    /// An image as TIFF with its scale. `plane`: its place in a stack; `name`: that of the file, for messages.
+    /// An image as TIFF with its scale. `plane`: its place in a stack; `name`: of the file, for messages.
     pub fn tiff(&self, image: &Image, plane: Option<StackPlane>, name: &Path) -> Result<Pooled<'_, Vec<u8>>> {
         let mut bytes = self.files.get();
         let scale = PixelScale { plane, ..self.scale };

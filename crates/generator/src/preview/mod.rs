@@ -61,7 +61,7 @@ pub struct Preview {
     pub cylinder: Option<CylinderFacts>,
     /// Whether images are diffracted.
     pub is_diffracted: bool,
-    /// Wavelength, um: that of the images, or 0.55 um if they are not diffracted.
+    /// Wavelength of the images, um, or 0.55 um if they are not diffracted.
     pub wavelength_um: f64,
     /// Radius of the Airy disc, px.
     pub airy_radius_px: f64,
@@ -381,7 +381,7 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<SizeCurves
         };
         let at_peak = (noise * noise + counts * peak_counts).sqrt();
         let [width_px, height_px] = spot.size_px();
-        // Where the light is that of the scan: the corners of a field may be darker.
+        // At the place of the scan: the corners of a field may be darker.
         let [x, y] = scenario.settings.middle_px();
         let sphere = Particle::sphere(x, y, z_um / factor, d_um);
         let all = scenario.renderer.accepted_light(&sphere).filter(|light| *light > 0.0);

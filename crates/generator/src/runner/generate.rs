@@ -149,7 +149,7 @@ fn sources(scenario: &Scenario) -> Result<BTreeMap<String, String>> {
     Ok(sources)
 }
 
-/// Describes the first difference between the sources of an interrupted run and those of this run.
+/// Describes the first difference between the sources of an interrupted run and of this one.
 fn difference(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> Option<String> {
     let differs = |name: &&String| before.get(*name) != now.get(*name);
     let names: Vec<&String> = now.keys().chain(before.keys()).filter(differs).collect();
@@ -182,7 +182,7 @@ fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
     Ok(true)
 }
 
-/// Locks the output folder, then creates the unfinished folder or resumes that of an interrupted run with the
+/// Locks the output folder, then creates the unfinished folder or resumes an interrupted run's with the
 /// same sources. `None` if the dataset is to be resumed but is already finished.
 fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partial>> {
     let claim = FolderClaim::take(&options.out)?;

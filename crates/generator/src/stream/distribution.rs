@@ -14,7 +14,7 @@ pub enum Distribution {
         /// Largest value.
         high: f64,
     },
-    /// The logarithm is uniform between those of two positive numbers.
+    /// Log-uniform between two positive numbers.
     LogUniform {
         /// Smallest value.
         low: f64,

@@ -283,7 +283,7 @@ impl Truth<'_> {
     }
 
     fn position(&self, x_px: f64, y_px: f64, z_um: f64) -> DVec3 {
-        // Depths are physical, unlike those of data files.
+        // Depths are physical, unlike in data files.
         self.scenario.scale.to_object(ImagePoint { x_px, y_px, z_um: 0.0 }).with_z(z_um)
     }
 

@@ -52,7 +52,7 @@ pub struct Totals {
     pub visible: u64,
     /// Those of them with a saturated pixel.
     pub saturated: u64,
-    /// Light of all particles, summed over frames, in that of a particle of brightness 1.
+    /// Light of all particles, summed over frames, in units of a particle of brightness 1.
     pub light: f64,
     /// Rows of displacements.csv.
     pub displacements: u64,
@@ -116,7 +116,7 @@ pub struct FrameTruth {
     pub displacements: Vec<DisplacementRow>,
     /// Its rows of boxes.csv; empty if the scenario has no boxes.
     pub boxes: Vec<BoxRow>,
-    /// Light of all particles, in that of a particle of brightness 1.
+    /// Light of all particles, in units of a particle of brightness 1.
     pub light: f64,
 }
 

@@ -35,7 +35,7 @@ pub(crate) struct Sight<'a> {
     pub visible: bool,
     /// Its rows in the data file.
     pub rows: Range<usize>,
-    /// Factor on its brightness: illumination at its position times that of the frame.
+    /// Factor on its brightness: illumination at its position times the frame's pulse energy.
     pub light: f64,
 }
 
@@ -84,7 +84,7 @@ impl Viewer<'_> {
         Particle { c_int: self.scenario.cloud.c_int(tracer.c_int, &particle), ..particle }
     }
 
-    /// By how much the image of a tracer is that of a greater depth, um, as in data files.
+    /// How much deeper a tracer appears by its image, um, as in data files.
     pub(crate) fn focus_scatter_um(&self, tracer: &Tracer) -> f64 {
         match self.scenario.spec.optics.field.map_or(0.0, |field| field.focus.scatter_um) {
             0.0 => 0.0,
