@@ -33,7 +33,7 @@ pub(crate) struct Aligned {
     /// Brightness relative to the reference, and counts by which the background is higher.
     pub(crate) brightness: f32,
     pub(crate) offset: f32,
-    /// Depth by which its focus is lower than that of the reference, in steps of the scan.
+    /// Depth by which its focus is lower than the reference's, in steps of the scan.
     pub(crate) focus: f32,
     /// Share of the light that the reference does not explain, over the depths in focus.
     pub(crate) unexplained: f64,

@@ -90,7 +90,7 @@ fn average(values: &[f32]) -> f32 {
     }
 }
 
-/// The mean over all pages of a file, or over those of a channel if it states several.
+/// The mean over all pages of a file, or of a channel if it states several.
 fn mean(file: &Path, channel: Option<usize>, (width, height): (usize, usize)) -> Result<Vec<f32>> {
     let mut pages = opened(file)?;
     let mut size = pages.size()?;

@@ -218,7 +218,7 @@ pub(crate) fn opened(file: &Path) -> Result<Pages<BufReader<std::fs::File>>> {
 }
 
 /// The frames of a file, in the order of times, and the set of files that it is part of, with the times of the
-/// set. `size`: of all images, if it is known, and whether it is that of the scan.
+/// set. `size`: of all images, if it is known, and whether the scan states it.
 #[allow(clippy::type_complexity)]
 fn pages_of(
     number: usize,

@@ -1,4 +1,4 @@
-//! Recordings of one's own as folders like those of datasets.
+//! Your own recordings as folders that are read like datasets.
 //!
 //! The images stay as they were recorded (`frames`), the calibration stacks are averages of particles of a
 //! scan (`particles`, `alignment`, `places`), the noise comes from repeated frames of the scan (`noise`), and
@@ -62,7 +62,7 @@ pub struct ImportOptions {
     pub pairs: bool,
     /// Tables of what is known: heights of planes, positions of particles.
     pub truth: Vec<InputFile>,
-    /// Whether the positions are those of all particles of their frames.
+    /// Whether the positions include all particles of their frames.
     pub all_particles: bool,
     /// An image, or a stack of images, without light.
     pub dark: Option<PathBuf>,

@@ -16,7 +16,7 @@ const WIDE_PX: f32 = 5.0;
 const ABOVE_NOISE: f32 = 12.0;
 const OF_MEDIAN: f32 = 0.15;
 
-/// Largest distance of the depth of a maximum from that of most light, as a share of the length of the scan.
+/// Largest distance in depth between a maximum and most of the light, as a share of the length of the scan.
 const OF_DEPTHS: f64 = 0.15;
 
 /// No other maximum is this close, px.
