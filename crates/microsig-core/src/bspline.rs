@@ -1,7 +1,7 @@
 //! Weights of coefficients in B-splines on equidistant nodes.
 //!
 //! The value of a spline is the sum of its coefficients around a position times these weights, its derivative
-//! (per node spacing) that of the coefficients times the derivatives (de Boor, A Practical Guide to Splines,
+//! (per node spacing) the same sum with the derivatives of the weights (de Boor, A Practical Guide to Splines,
 //! chapter IX). Weights are positive and sum to 1.
 
 /// Quadratic: weights of a node and its two neighbors at a position `t` in [-0.5, 0.5] relative to the node,
@@ -43,7 +43,7 @@ pub fn quintic(t: f64) -> ([f64; QUINTIC_TAPS], [f64; QUINTIC_TAPS]) {
     (raise(q, t), [-q[0], q[0] - q[1], q[1] - q[2], q[2] - q[3], q[3] - q[4], q[4]])
 }
 
-/// Weights of a B-spline from those of one degree lower (Cox and de Boor).
+/// Weights of a B-spline from one degree lower (Cox and de Boor).
 #[inline]
 fn raise<const N: usize, const M: usize>(lower: [f64; N], t: f64) -> [f64; M] {
     let degree = N as f64;

@@ -13,7 +13,7 @@ thread_local! {
     static CANCELLATION: RefCell<Option<Cancellation>> = const { RefCell::new(None) };
 }
 
-/// Stack of the threads that work, bytes: that of a program's first thread.
+/// Stack of the threads that work, bytes: as for a program's first thread.
 const STACK: usize = 8 << 20;
 
 /// With this the stack is unwound; no message is printed.

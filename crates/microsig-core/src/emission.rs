@@ -67,7 +67,7 @@ fn unrounded_points(settings: &Settings, d_um: f64) -> f64 {
     settings.points_per_pixel * 2.0 * std::f64::consts::PI * image_diameter * image_diameter
 }
 
-/// Surface area of a spheroid over that of the sphere with its equatorial diameter.
+/// Surface area of a spheroid relative to the sphere with its equatorial diameter.
 pub fn area_ratio(e_p: f64) -> f64 {
     let eccentricity = libm::sqrt((1.0 - if e_p > 1.0 { 1.0 / (e_p * e_p) } else { e_p * e_p }).max(0.0));
     // Below this eccentricity both formulas lose digits, while (1 + 2 e_p) / 3 is accurate to 1e-9.
@@ -80,7 +80,7 @@ pub fn area_ratio(e_p: f64) -> f64 {
     }
 }
 
-/// Number of points on the surface of a particle (only about half of those of a spheroid emit).
+/// Number of points on the surface of a particle (of a spheroid's, only about half emit).
 pub fn surface_points(settings: &Settings, particle: &Particle) -> usize {
     let sphere = sphere_points(settings, particle.d_um);
     match particle.spheroid {
@@ -290,7 +290,7 @@ pub fn fan(n_rays: u32) -> impl Iterator<Item = [f64; 3]> {
 }
 
 /// Relative excess of the mean light that fans of `n_rays` rays emit into the aperture, compared with
-/// (n_rays + 1)/n_rays times that of isotropic emission, for the in-focus point on the axis.
+/// (n_rays + 1)/n_rays times the isotropic one, for the in-focus point on the axis.
 ///
 /// All fans have the same polar cosines; a direction with the polar sine s is within an aperture of half
 /// angle theta for a fraction (2/pi) acos(cos theta / s) of all rotation angles. Few directions sample this

@@ -36,7 +36,7 @@ impl Symmetric {
     }
 
     /// The lower triangular Cholesky factor L, with A = L L^T; `None` if the matrix is not positive definite:
-    /// if the square of an element of the diagonal of L is not above `least` of that of A.
+    /// if the square of an element of the diagonal of L is not above `least` of the element of A.
     fn factor(&self, least: f64) -> Option<Vec<f64>> {
         let n = self.n;
         let mut l = self.values.clone();

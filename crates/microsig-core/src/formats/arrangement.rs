@@ -472,7 +472,7 @@ mod tests {
         assert_eq!((arranged.sizes, arranged.pages[3]), ([2, 1, 3], [1, 0, 1]));
         let arranged = read("ImageJ=1.53t\nimages=6\nspacing=2\nunit=um\n", 6).unwrap().unwrap();
         assert_eq!((arranged.sizes, arranged.step_um()), ([1, 6, 1], Ok(Some(2.0))));
-        // Axes of tifffile in any order; a shape of one page is that of this page only.
+        // Axes of tifffile in any order; a shape of one page describes this page only.
         let arranged = read(r#"{"shape": [2, 3, 9, 9], "axes": "CZYX"}"#, 6).unwrap().unwrap();
         assert_eq!((arranged.sizes, arranged.pages[4]), ([2, 3, 1], [1, 1, 0]));
         for text in ["a camera", r#"{"shape": [9, 9]}"#, r#"{"shape": [6, 9, 9]}"#, "<a><OME/></a>", "<"] {

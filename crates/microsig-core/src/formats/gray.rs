@@ -1,5 +1,5 @@
-//! Decoder of gray TIFF images that gives the numbers in the file: those of images whose zero is white are not
-//! inverted, those of images with a gray palette are its indices (as ImageJ and tifffile have them), and
+//! Decoder of gray TIFF images that gives the numbers in the file: images whose zero is white are not
+//! inverted, images with a gray palette give its indices (as ImageJ and tifffile have them), and
 //! packed numbers of 9 to 15 bit are unpacked.
 
 use std::io::{Read, Seek, SeekFrom};

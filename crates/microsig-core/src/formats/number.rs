@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 /// Appends a number in the fewest digits that read back to the same value, without an exponent.
 ///
-/// The result is that of [`std::fmt::Display`], several times faster for numbers of common magnitude, except
+/// The result equals [`std::fmt::Display`]'s, several times faster for numbers of common magnitude, except
 /// when a value is exactly halfway between two candidates of the same length (15 digits or more): then the
 /// last digit is even, as in JSON.
 pub fn push(text: &mut String, value: f64) {

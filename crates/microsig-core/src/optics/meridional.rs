@@ -12,7 +12,7 @@ pub(super) const RAYS: usize = 16;
 /// Distances from the axis at which rays from a point on the axis with these slopes land on the sensor.
 pub(super) struct Landings<'a> {
     pub(super) system: &'a OpticalSystem,
-    /// Whether the plane is that of the image columns (x), in which the cylindrical lens has its power.
+    /// Whether the plane contains x (the image columns), in which the cylindrical lens has its power.
     pub(super) along_columns: bool,
     /// Distance from the point to the lens, um.
     pub(super) distance: f64,

@@ -1,7 +1,7 @@
 //! The objective as one infinitely thin spherical lens with exact refraction, Rossi 2020, eqs. (3)-(8).
 //!
 //! Both faces are in the same plane, so a ray is refracted twice at the same (q_x, q_y). The slope of a face
-//! is q/R, that of a parabola, as in the original program; the slope of a sphere would give a substantially
+//! is q/R, as for a parabola and in the original program; the slope of a sphere would give a substantially
 //! different image.
 
 use super::{Ray, refract};

@@ -218,7 +218,7 @@ impl Blur {
     /// With this standard deviation of the weights, px.
     fn new(sd_px: f64) -> Blur {
         let variance = sd_px * sd_px;
-        // The integral of a Gaussian over a pixel has a variance larger by that of a pixel.
+        // The integral of a Gaussian over a pixel has the variances of Gaussian and pixel.
         let own = variance - 1.0 / 12.0;
         let kernel = if own < 0.3 {
             vec![1.0 - variance, 0.5 * variance]

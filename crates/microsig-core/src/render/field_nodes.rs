@@ -65,7 +65,7 @@ impl FieldNodes {
         (0..count).map(of_place).collect()
     }
 
-    /// Products of Chebyshev polynomials of total degree up to that of the nodes.
+    /// Products of Chebyshev polynomials, of at most the total degree of the nodes.
     fn basis(&self, [x, y]: [f64; 2]) -> Vec<f64> {
         let chebyshev = |x: f64| {
             let mut values = [1.0; MOST + 1];

@@ -53,7 +53,7 @@ pub struct Traits {
 
 /// A method of computing particle images.
 pub trait Render: Debug + Send + Sync {
-    /// How its images differ from those of other renderers.
+    /// How its images differ from other renderers'.
     fn traits(&self) -> Traits;
 
     /// The settings of the renderer.
@@ -117,7 +117,7 @@ pub trait Render: Debug + Send + Sync {
     fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch>;
 
     /// The noise-free image of one particle at brightness 1 with its derivatives: on the pixels that it
-    /// illuminates, or, of a sphere, on those of a window, which may extend beyond the sensor. `None` if
+    /// illuminates, or, for a sphere, in a window, which may extend beyond the sensor. `None` if
     /// there are no such pixels, and from renderers that do not compute derivatives.
     fn gradient(&self, particle: &Particle, window: Option<Window>) -> Option<Gradient> {
         let _ = (particle, window);
@@ -125,7 +125,7 @@ pub trait Render: Debug + Send + Sync {
     }
 
     /// The noise-free image of one spheroid at brightness 1 with its derivatives with respect to position, axis and
-    /// aspect ratio: on the pixels that it illuminates or on those of a window, which may extend
+    /// aspect ratio: on the pixels that it illuminates or in a window, which may extend
     /// beyond the sensor. `None` if there are no such pixels, for spheres, and from renderers that do not compute it.
     fn shape_gradient(&self, particle: &Particle, window: Option<Window>) -> Option<ShapeGradient> {
         let _ = (particle, window);

@@ -11,7 +11,7 @@ use pulp::bytemuck::cast;
 /// Number of f32 lanes of the widest vectors of any instruction set.
 pub(super) const MAX_LANES: usize = 16;
 
-/// Number of lanes of the narrowest vectors. These use scalar comparisons: those of pulp compile to slow code
+/// Number of lanes of the narrowest vectors. These use scalar comparisons: pulp's compile to slow code
 /// without mask registers, and max(x, NaN) differs between instruction sets.
 const NARROW: usize = 4;
 

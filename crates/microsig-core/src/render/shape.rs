@@ -1,5 +1,5 @@
 //! Images of spheroids with derivatives with respect to position, axis and aspect ratio: for fits and bounds of
-//! precision. Where images of points come from tables, those of spheroids are sums of them.
+//! precision. Where images of points come from tables, images of spheroids are sums of them.
 //!
 //! The symmetric matrix A = I + (e - 1) n n^T takes the unit sphere to the spheroid with the axis n and the aspect ratio
 //! e. A surface emits where it faces the lens: its normal is A^-1 s, so these are the points s of the hemisphere about
@@ -124,7 +124,7 @@ pub(super) fn light_by_aspect(e_p: f64) -> f64 {
     (high - low) / (2.0 * STEP)
 }
 
-/// Density of the emitters: `rings` and `around` are added to the number of rings, and to that of the emitters on each, that
+/// Density of the emitters: `rings` and `around` are added to the numbers of rings, and of emitters on each, that
 /// resolve the phase `rim_phase` (rad) at the rim of the pupil.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Numbers {

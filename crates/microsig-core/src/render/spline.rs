@@ -2,7 +2,7 @@
 
 use crate::bspline;
 
-/// Degree of a spline; the discriminant is the weight of a node's own coefficient relative to those of its
+/// Degree of a spline; the discriminant is the weight of a node's own coefficient relative to its
 /// two neighbors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum SplineDegree {

@@ -97,10 +97,10 @@ pub trait ImageModel: Debug + Send + Sync {
     /// Appends what is drawn for a particle whose brightness is `factor`.
     fn sources(&self, particle: &Particle, factor: f64, out: &mut Vec<Source>);
 
-    /// Appends spheres, of any brightness, whose tables are those of the sources of a particle.
+    /// Appends spheres, of any brightness, whose tables are made for the sources of a particle.
     fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>);
 
-    /// What emits the light of a spheroid, if its image is a sum of those of points.
+    /// What emits the light of a spheroid, if its image is a sum of images of points.
     fn spheroid_light(&self, spheroid: &Particle) -> Option<SpheroidLight> {
         let _ = spheroid;
         None
@@ -117,7 +117,7 @@ pub trait ImageModel: Debug + Send + Sync {
         vec![0.0; window.area()]
     }
 
-    /// The factor between depths in tables and those of a particle.
+    /// The factor between depths in tables and of a particle.
     fn depth_scale(&self, particle: &Particle) -> f64 {
         let _ = particle;
         1.0
@@ -237,7 +237,7 @@ impl<M: ImageModel> TabledRenderer<M> {
     }
 
     /// The same renderer, which computes each image for itself, at its own depth, instead of from tables: for
-    /// optics of which few images are drawn. Errors are those of the quadrature alone, without verification.
+    /// optics of which few images are drawn. Errors come from the quadrature alone, without verification.
     pub fn without_tables(mut self) -> Self {
         self.model.without_tables(&self.context);
         TabledRenderer { is_single: true, ..self }

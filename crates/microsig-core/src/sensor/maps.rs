@@ -13,7 +13,7 @@ use crate::settings::Settings;
 /// One value per pixel, row by row from the top.
 pub type PixelMap = Arc<[f64]>;
 
-/// The quantities of which pixels may have values of their own; `None`: all pixels have that of the
+/// The quantities of which pixels may have values of their own; `None`: all pixels have the value of the
 /// [`Detector`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PixelMaps {

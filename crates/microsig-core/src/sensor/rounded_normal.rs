@@ -3,7 +3,7 @@
 #[cfg(target_arch = "x86_64")]
 use super::registers;
 
-/// Minimum length of a table: that of the lookup in registers.
+/// Minimum length of a table, for the lookup in registers.
 const REGISTERS: usize = 256;
 
 /// round(N(0, sigma)) by Walker's alias method (Vose 1991): one 32-bit random number per sample.

@@ -21,7 +21,7 @@ pub struct NoiseFree {
     renderer: Renderer,
     /// For ray images: the limit of infinitely many rays.
     limit: Option<Renderer>,
-    /// Ratio of the light of ray images to that of the limit.
+    /// Ratio of the light of ray images to their limit's.
     factor: f64,
 }
 
@@ -112,7 +112,7 @@ impl NoiseFree {
         particles.iter().fold(Patch::default(), |whole, particle| whole.joined(self.draw(particle)))
     }
 
-    /// Number of pixels on which a particle is rendered; those of its parts are counted separately.
+    /// Number of pixels on which a particle is rendered; its parts are counted separately.
     pub fn pixels(&self, particle: &Particle) -> usize {
         let parts = self.parts(particle);
         parts.iter().map(|part| self.source(part).0.patch_window(part).area()).sum()
@@ -256,7 +256,7 @@ mod tests {
     }
 
     /// Rods and discs, lying to standing and on both sides of focus, with and without a cylindrical lens.
-    /// Without ray noise, the image is that of the dataset's own renderer; a sum of small spheres would be
+    /// Without ray noise, the dataset's own renderer makes the image; a sum of small spheres would be
     /// off by up to 9 %.
     #[test]
     fn spheroids_have_images_of_their_own() {

@@ -19,7 +19,7 @@ const CELLS: f64 = 120.0;
 /// Widths of cells are multiples of this, um, so that few tables are needed.
 const STEP_UM: f64 = 0.05;
 
-/// Spheres whose images together are that of a spheroid; `None` for a sphere.
+/// Spheres whose images add up to the spheroid's; `None` for a sphere.
 pub(super) fn spheres(settings: &Settings, law: SpheroidLaw, particle: &Particle) -> Option<Vec<Particle>> {
     let e_p = particle.spheroid?.e_p;
     let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());

@@ -119,7 +119,7 @@ fn images_by_waves_meet_the_tolerance() {
     }
 }
 
-/// With optics that vary over the field, single images are those of tables.
+/// With optics that vary over the field, single images equal those from tables.
 #[test]
 fn images_of_a_field_are_those_of_its_tables() {
     let coma = FieldComa { per_mm: 0.5, ..FieldComa::default() };

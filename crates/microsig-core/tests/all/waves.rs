@@ -313,7 +313,7 @@ fn an_aplanatic_lens_gives_the_airy_pattern() {
         let inside = places.iter().zip(&shares).filter(|([x, y], _)| x * x + y * y < r * r);
         inside.map(|(_, share)| share).sum::<f64>() / accepted
     };
-    // 83.8 % for a uniform amplitude; that of an aplanatic lens is slightly higher at the rim.
+    // 83.8 % for a uniform amplitude; an aplanatic lens's is slightly higher at the rim.
     let encircled = within(radius);
     assert!((encircled - 0.838).abs() < 0.01, "{encircled}");
     // The first dark ring.

@@ -96,7 +96,7 @@ impl ApertureIntegral<'_> {
     }
 }
 
-/// Number of cells in memory, apart from those of one ring.
+/// Number of cells in memory, apart from one ring.
 const CELLS: usize = 1 << 16;
 
 /// Subaperture images and the sum over aperture cells, compiled for every instruction set.

@@ -30,8 +30,8 @@ pub(super) struct DirectImage {
 }
 
 impl DirectImage {
-    /// The image of a sphere within `farthest_px` of its center along both axes. The error is that of the
-    /// quadrature and of the nodes, without verification; the derivative with respect to depth is zero unless
+    /// The image of a sphere within `farthest_px` of its center along both axes. Its error is that of
+    /// quadrature and nodes, without verification; the derivative with respect to depth is zero unless
     /// asked for.
     pub(super) fn new(
         model: &Model,
@@ -101,7 +101,7 @@ pub(super) fn single(
         let dark = vec![0.0; layout.length()];
         return DepthTable::single((z_um, step_um), layout, reach, &dark, None);
     }
-    // To the farthest pixel of the sensor; those of derivatives may lie beyond it.
+    // To the farthest pixel of the sensor; pixels of derivatives may lie beyond it.
     let far = |at: f64, size: u32| (at - 1.0).abs().max((f64::from(size) - at).abs()) + 1.0;
     let sensor = [far(sphere.x_px, settings.pixel_dim_x), far(sphere.y_px, settings.pixel_dim_y)];
     let seen = if with_derivative { reach } else { sensor };

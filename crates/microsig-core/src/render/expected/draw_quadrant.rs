@@ -201,7 +201,7 @@ impl Axis {
 struct Across {
     /// Number of values per phase in a line.
     line: usize,
-    /// Positions in a line of the four nodes around the first column; those of column k are k positions
+    /// Positions in a line of the four nodes around the first column; for column k they are k positions
     /// further.
     starts: [usize; 4],
     weights: [f32; 4],

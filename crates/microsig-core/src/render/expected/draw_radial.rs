@@ -26,7 +26,7 @@ type Quadratic = [f32; 4];
 /// Working memory.
 #[derive(Default)]
 pub(super) struct RadialInterpolator {
-    /// Coefficients by order: that of node 1 as the mirror image before node 0, those of all nodes, and zeros
+    /// Coefficients by order: of node 1 as the mirror image before node 0, of all nodes, and zeros
     /// after the last.
     lines: Vec<f32>,
     /// By order and node.

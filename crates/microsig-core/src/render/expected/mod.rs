@@ -1,7 +1,7 @@
 //! Images in the limit of infinitely many rays: without ray noise, and with derivatives with respect to the
 //! particle position.
 //!
-//! The model is that of `rays` with isotropic directions and, for spheres, infinitely many source points,
+//! The model is `rays` with isotropic directions and, for spheres, infinitely many source points,
 //! times (n_rays + 1)/n_rays (the excess of the spiral over isotropic emission): a particle emits
 //! (n_rays + 1) rays from each source point toward the lens side, and a pixel receives its fraction of them.
 //! With few rays (n_rays NA below about 15) the mean of ray images differs, because their directions are

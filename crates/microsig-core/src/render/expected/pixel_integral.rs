@@ -156,7 +156,7 @@ mod tests {
         }
     }
 
-    /// The areas in the squares that tile the plane add up to that of the disc.
+    /// The areas in the squares that tile the plane add up to the disc's.
     #[test]
     fn pixels_share_out_a_disc() {
         for (r, x, y) in [(0.2, 0.1, 0.3), (1.7, 0.4, -0.2), (5.3, 0.0, 0.5), (0.6, 0.0, 0.0)] {

@@ -117,7 +117,7 @@ impl Pupil {
     }
 
     /// Radius (um) in the lens plane beyond which no light of a particle of radius `radius_um` lands within
-    /// `farthest_px` of the image center along the two axes; at most that of the aperture.
+    /// `farthest_px` of the image center along the two axes; at most the aperture's.
     pub(super) fn useful_radius(&self, z_um: f64, radius_um: f64, farthest_px: [f64; 2]) -> f64 {
         let misses = |q: f64| {
             let axes = [[q, 0.0], [0.0, q]].map(|point| self.view(z_um, radius_um, point));

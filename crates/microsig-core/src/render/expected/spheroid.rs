@@ -12,7 +12,7 @@ use crate::settings::Settings;
 /// Source points on a spheroid whose image is coarse.
 const COARSE_POINTS: usize = 2048;
 
-/// The emitting surface of a spheroid: those of `n` source points that are selected by `law`.
+/// The emitting surface of a spheroid: those among `n` source points that `law` selects.
 fn surface(n: usize, law: SpheroidLaw, particle: &Particle) -> EmittingSurface {
     let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
     emission::shining_points(particle, n, law, &mut azimuths, &mut points);

@@ -19,7 +19,7 @@ const STRIDES: [f32; 2] = [0.856_674_9, 0.733_891_85];
 /// Buffers that are used again from image to image.
 pub(super) type Buffers = BufferPool<Vec<f32>>;
 
-/// The points of a surface as seen through one point of the lens: landing positions relative to that of the
+/// The points of a surface as seen through one point of the lens: landing positions relative to the one of the
 /// centroid along columns, along rows (px), and the light of each point as a fraction of what the surface
 /// would have if all of it were at its centroid.
 pub(super) struct SeenPoints<'b>(Pooled<'b, Vec<f32>>);

@@ -7,8 +7,8 @@
 //! spot has 0.82 I_0.
 //!
 //! All particles are in focus at any depth; a light sheet is modeled by reducing c_int. Of MicroSIG's
-//! settings only those of the sensor are used (size, pixel_size with magnification, background, gain), not
-//! those of the lens. Pixels that would receive less than `NEGLIGIBLE` counts from a spot may be skipped; the
+//! settings only the sensor's are used (size, pixel_size with magnification, background, gain), not
+//! the lens's. Pixels that would receive less than `NEGLIGIBLE` counts from a spot may be skipped; the
 //! error of the others is below 5e-6 of the peak, less than the rounding of counts.
 
 mod accumulate;

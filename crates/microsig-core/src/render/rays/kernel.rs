@@ -94,7 +94,7 @@ impl SourceRun {
     }
 }
 
-/// A vector of rays: the index of its first source, and that of its run.
+/// A vector of rays: the indices of its first source and of its run.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RayPacket {
     source: u32,

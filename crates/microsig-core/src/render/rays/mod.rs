@@ -191,7 +191,7 @@ impl RayRenderer {
         optics::useful_radius(aperture, 64, 2, misses)
     }
 
-    /// Puts the source points of a particle into `scratch`; those of the previous particle are reused if it
+    /// Puts the source points of a particle into `scratch`; the previous particle's are reused if it
     /// has the same shape.
     fn shine(&self, particle: &Particle, scratch: &mut Scratch) {
         let shape = Some((particle.d_um, particle.spheroid));

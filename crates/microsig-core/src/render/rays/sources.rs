@@ -92,7 +92,7 @@ impl Sources {
             self.ordered[*next as usize] = [e1, e2, e3, phase];
             *next += 1;
         }
-        // Filling advanced every start to that of the next bucket: shift them back.
+        // Filling advanced every start to the next bucket's: shift them back.
         self.starts.rotate_right(1);
         self.starts[0] = 0;
         instructions.dispatch(Spread { sources: self, distance });
@@ -161,7 +161,7 @@ fn cos_sin(phase: u32) -> (f32, f32) {
     let sine =
         x * (1.0 - x2 * (1.0 / 6.0 - x2 * (1.0 / 120.0 - x2 * (1.0 / 5040.0 - x2 * (1.0 / 362_880.0)))));
     let cosine = 1.0 - x2 * (0.5 - x2 * (1.0 / 24.0 - x2 * (1.0 / 720.0 - x2 * (1.0 / 40_320.0))));
-    // In odd quadrants sine and cosine are exchanged; the signs are those of the quadrant.
+    // In odd quadrants sine and cosine are exchanged; the signs follow from the quadrant.
     let (cosine, sine) = if quarter & 1 == 0 { (cosine, sine) } else { (sine, cosine) };
     let negate_if = |second_bit: u32, value: f32| f32::from_bits(value.to_bits() ^ (second_bit & 2) << 30);
     (negate_if(quarter ^ quarter << 1, cosine), negate_if(quarter, sine))

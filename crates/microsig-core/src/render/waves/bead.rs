@@ -57,7 +57,7 @@ pub(in crate::render) fn rings(emission: Emission, radius_um: f64, etendue: f64,
 mod tests {
     use super::*;
 
-    /// Total, mean depth and mean square distance from the axis are those of a hemisphere and of a ball.
+    /// Total, mean depth and mean square distance from the axis, as for a hemisphere and a ball.
     #[test]
     fn moments_are_those_of_the_solid() {
         for (emission, depth, across) in [(Emission::Surface, -1.0, 8.0 / 3.0), (Emission::Volume, 0.0, 1.6)]

@@ -49,7 +49,7 @@ pub(super) struct Draft<'a> {
     pub(super) span: TableSpan,
     /// Maximum distance of pixels from a particle's image along x and y, px.
     pub(super) farthest_px: [f64; 2],
-    /// Images that depend on the place in the field; `model` is that of its center.
+    /// Images that depend on the place in the field; `model` holds at its center.
     pub(super) field: Option<&'a Waves>,
     /// Whether images over the field are displaced against coma ([`super::tilt`]).
     pub(super) tilted: bool,
@@ -176,7 +176,7 @@ impl Draft<'_> {
         self.faint_edges()
     }
 
-    /// Edges of an image that is as faint as if all of its light were spread evenly: at least those of the
+    /// Edges of an image that is as faint as if all of its light were spread evenly: at least the edges of the
     /// image.
     pub(super) fn faint_edges(&self) -> [usize; 2] {
         let rims = self.rims();
@@ -337,7 +337,7 @@ impl Draft<'_> {
     }
 
     /// The image at the start of the span as a table of this depth alone, with its change over `step_um`, if
-    /// given; `scale`: of depths in the table over those of images; `reaches`: whether an image with this edge
+    /// given; `scale`: depths in the table over depths of images; `reaches`: whether an image with this edge
     /// reaches the sensor.
     pub(super) fn single(
         &self,

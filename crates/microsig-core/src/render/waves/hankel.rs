@@ -109,7 +109,7 @@ impl Hankel {
         Hankel { radii, weights, b, step_um, columns, step, bessel }
     }
 
-    /// The image of these modes at the wave number `k` (1/um); `kernel_k` is that of the kernels.
+    /// The image of these modes at the wave number `k` (1/um); `kernel_k` belongs to the kernels.
     pub(super) fn profile(
         &self,
         modes: &Modes,

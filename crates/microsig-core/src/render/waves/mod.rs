@@ -232,7 +232,7 @@ impl Waves {
         Model { obstacles: obstacles(&self.optics, cylinder, Some((&local, tilt))), ..model }
     }
 
-    /// The factor between depths in tables and those of particles at a position in the image, px: where
+    /// The factor between depths in tables and of particles at a position in the image, px: where
     /// vignetting narrows the pupil, images grow more slowly with depth.
     fn depth_scale(&self, [x_px, y_px]: [f64; 2]) -> f64 {
         let [[xx, _], [_, yy]] = self.optics.field.at(FieldOptics::place(&self.settings, x_px, y_px)).squeeze;

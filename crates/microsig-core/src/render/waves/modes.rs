@@ -57,7 +57,7 @@ pub(super) struct Bead<'a> {
 
 /// The pupil function of one ring.
 struct Column {
-    /// Weighted complex amplitude, with the phase relative to that of the center.
+    /// Weighted complex amplitude, with the phase relative to the center's.
     value: Vec<[f64; 2]>,
     /// k rho |H| / b.
     argument: Vec<f64>,

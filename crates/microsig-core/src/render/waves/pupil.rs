@@ -178,7 +178,7 @@ impl Pupil {
         Radii { q, sigma, stretch, curvature, end, running }
     }
 
-    /// Depth in the space of MicroSIG's lens, um: with layers, that of the paraxial image of the emitter.
+    /// Depth in the space of MicroSIG's lens, um: with layers, of the paraxial image of the emitter.
     fn optical_depth(&self, z_um: f64) -> f64 {
         self.layers.map_or(z_um, |layers| z_um / layers.n_s)
     }
@@ -240,7 +240,7 @@ impl Pupil {
         [bx, self.b()].map(|b| -b / self.a0())
     }
 
-    /// Length of the optical axis less that of its projection on the ray through the radius `q`, both in the
+    /// Length of the optical axis less its projection on the ray through the radius `q`, both in the
     /// medium, over a distance of 1: n_s (1 - cos).
     pub(super) fn sagitta(&self, q: f64) -> f64 {
         let n_s = self.layers.map_or(1.0, |layers| layers.n_s);
@@ -263,7 +263,7 @@ impl Pupil {
         (at(sigma + step) - at(sigma - step)) / (2.0 * step)
     }
 
-    /// Optical path that layers add to that of MicroSIG's lens at the sine `s`, um.
+    /// Optical path that layers add to MicroSIG's lens at the sine `s`, um.
     fn layer_path(&self, layers: &Layers, z_um: f64, s: f64) -> f64 {
         let h = layers.focus_depth_um + z_um;
         layers.path(s, h)

@@ -4,7 +4,7 @@
 //! All emitters at one depth have the image of a point at this depth, displaced: a circle of emitters for a
 //! particle that shines at its surface, a disc for one that shines throughout. The image of a point changes
 //! slowly with depth, by k z (1 - cos), and is interpolated between a few depths; the shape of the particle
-//! changes fast, by k r sin, but its Fourier transform is known. The light of a particle is therefore that of
+//! changes fast, by k r sin, but its Fourier transform is known. The light of a particle is therefore the light of
 //! points at a few depths, each convolved with the integral over depth of shape times interpolation weight.
 //! These few replace tens of coherent modes.
 
@@ -138,7 +138,7 @@ impl Convolution {
         Convolution { points, transforms, known: Mutex::default() }
     }
 
-    /// The light of a sphere, from that of points at its depths, each given on the grid; `frequency` is the
+    /// The light of a sphere, from points at its depths, each given on the grid; `frequency` is the
     /// spatial frequency in the particle's space (cycles/um) of a wave with these cycles per grid along x and
     /// y.
     pub(super) fn sum(
@@ -156,7 +156,7 @@ impl Convolution {
         let spectra = self.spectra(sphere, highest);
         let mut sum = vec![Complex::default(); columns * rows];
         // Two real grids are the real and the imaginary part of one: shapes are even, so their products with
-        // the spectra of both parts come from that of the whole and its mirror image.
+        // the spectra of both parts come from the whole's and its mirror image.
         for (pair, lights) in spectra.chunks(2).zip(lights.chunks(2)) {
             let mut both: Vec<Complex<f64>> = match lights {
                 [a, b] => a.iter().zip(b).map(|(a, b)| Complex::new(*a, *b)).collect(),

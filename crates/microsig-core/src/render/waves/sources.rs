@@ -11,7 +11,7 @@ use crate::render::refinement::{TableRadii, TableSpan};
 use crate::render::tabled::Source;
 
 /// Radius of a sphere times the largest wave number across the optical axis, above which its modes take
-/// seconds: the extent of its image is then derived from that of a sphere of this size.
+/// seconds: the extent of its image is then derived from a sphere of this size.
 const LARGEST_RIM_PHASE: f64 = 30.0;
 
 impl Waves {

@@ -67,7 +67,7 @@ mod tests {
     use crate::emission::{GoldenAzimuths, SpheroidLaw, shining_points};
     use crate::particle::Particle;
 
-    /// Means and mean squares of the places of emitters are those of very many points of the uniform law.
+    /// Means and mean squares of the places of emitters, as for very many points of the uniform law.
     #[test]
     fn emitters_are_uniform_on_the_surface_that_faces_the_lens() {
         for (e_p, alpha_rad, beta_rad) in [(3.0, 0.6, 0.9), (0.4, 0.3, 1.2), (4.0, 0.0, 0.0), (1.0, 0.2, 0.1)]
