@@ -1,4 +1,4 @@
-//! Finds the scenarios that the program embeds: those of the repository, or, in a published package, the copy inside the
+//! Finds the scenarios that the program embeds: from the repository, or, in a published package, the copy inside the
 //! package. In the repository `crates/scenario/scenarios` is a link, which `cargo package` resolves; it is not followed
 //! here, because checkouts on Windows may contain a text file in its place.
 
@@ -8,7 +8,7 @@ fn main() {
     let package = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it");
     let package = Path::new(&package);
     let of_repository = package.join("../../scenarios");
-    // Next to a published package there may be any folder; that of the repository contains this file.
+    // Next to a published package there may be any folder; the repository's contains this file.
     let folder = if of_repository.join("quickstart.ron").is_file() {
         of_repository
     } else {

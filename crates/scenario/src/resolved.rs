@@ -34,7 +34,7 @@ pub struct Scenario {
     pub spec: Spec,
     /// The license of the dataset.
     pub license: License,
-    /// Random number streams: those of `spec.seed`, or secret ones.
+    /// Random number streams, of `spec.seed` or secret ones.
     pub streams: Streams,
     /// MicroSIG's settings.
     pub settings: Settings,
@@ -135,7 +135,7 @@ impl Scenario {
         self.motion.diameters_um(self.seeding.diameters())
     }
 
-    /// Diameters that represent those of all particles, um, increasing: each listed diameter, or quantiles of
+    /// Diameters that represent all particles, um, increasing: each listed diameter, or quantiles of
     /// their distribution, see [`flows::Diameters::representative`]; the mean of Gaussian spots.
     pub fn representative_um(&self) -> Vec<f64> {
         if !self.renderer.depends_on_depth() {

@@ -60,7 +60,7 @@ fn default_margin_px(largest: f64, settings: &Settings, has_field: bool, found: 
     largest.min(most)
 }
 
-/// The measured depth range, um: that of the boundaries, restricted to a light sheet that is perpendicular to
+/// The measured depth range, um: the one of the boundaries, restricted to a light sheet that is perpendicular to
 /// the optical axis.
 pub(super) fn illuminated_depths(
     z_um: (f64, f64),

@@ -122,7 +122,7 @@ impl<'a> Schema<'a> {
         }
     }
 
-    /// The keys of a section or the variants of a choice; for a list, those of its items.
+    /// The keys of a section or the variants of a choice; for a list, of its items.
     pub fn below(&self) -> Vec<Entry<'a>> {
         let at = |site| Schema::at(self.root, site);
         let properties =

@@ -1,7 +1,7 @@
 //! Suites: tracks of cases, each with the splits train, val and test, in three sizes.
 //!
-//! A suite file lists scenarios and sweeps next to it; their language, seeds and messages are those of
-//! `generate` and `sweep`. A case is a scenario, or a case of a sweep; its splits are those of a challenge.
+//! A suite file lists scenarios and sweeps next to it, with the language, seeds and messages of
+//! `generate` and `sweep`. A case is a scenario, or a case of a sweep, with the splits of a challenge.
 
 mod read;
 mod spec;
