@@ -73,7 +73,7 @@ fn threshold(k: usize) -> f64 {
 const RECALLS: usize = 101;
 
 impl BoxScore {
-    /// Scores the boxes of a result against those of a dataset.
+    /// Scores the boxes of a result against a dataset's.
     pub fn of(truth: &[BoxRow], points: &Points) -> Self {
         let mut frames: BTreeMap<u32, FrameBoxes> = BTreeMap::new();
         for row in truth {

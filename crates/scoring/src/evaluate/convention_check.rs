@@ -174,7 +174,7 @@ impl<'a> ConventionCheck<'a> {
             squares += at_random.matches.powi(2);
         }
         let mean = sum / 8.0;
-        // Points of a track match together, so the variance may exceed that of a Poisson process.
+        // Points of a track match together, so the variance may exceed a Poisson process's.
         let variance = (squares / 8.0 - mean * mean).max(mean).max(0.1);
         if now.matches > mean + 3.0 * variance.sqrt() {
             return Ok(None);

@@ -385,7 +385,7 @@ pub struct SpheroidBound {
     pub aspect: f64,
     /// Highest peak of the image over the noise of the background.
     pub snr: f64,
-    /// By how many standard deviations the image differs from that of the axis mirrored toward the lens, with the
+    /// By how many standard deviations the image differs from the one with the axis mirrored toward the lens, with the
     /// brightness and (to first order) position and depth that make both most alike.
     pub mirror_sd: f64,
 }
@@ -441,7 +441,7 @@ impl SpheroidBounds {
         }))
     }
 
-    /// Standard deviations between an image and that of another particle, without what changes of the first one's
+    /// Standard deviations between the images of two particles, without what changes of the first one's
     /// brightness, position and depth explain.
     fn difference(&self, image: &ShapeGradient, other: &Particle) -> f64 {
         let Some(patch) = self.renderer.mean_patch(other) else { return f64::INFINITY };
@@ -611,7 +611,7 @@ impl Noise {
     }
 }
 
-/// Number of pixels that represent those of a camera with maps: quantiles of the information in the dark.
+/// Number of pixels that represent a camera with maps: quantiles of the information in the dark.
 const REPRESENTATIVES: usize = 64;
 
 /// Fisher information about the light of a pixel with `light`, averaged over pixels: a particle is equally
@@ -763,8 +763,8 @@ mod tests {
                 assert!((a - b).abs() < 1e-12, "{camera:?}");
             }
         }
-        // Read noise of variance 5, 15, ..., 75 counts^2: the bound is that of the average information, 15 %
-        // below that of the average variance.
+        // Read noise of variance 5, 15, ..., 75 counts^2: the bound follows from the average information, 15 %
+        // below the one from the average variance.
         let header = format!("{:<117}\n", "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 4), }");
         let mut npy = [b"\x93NUMPY\x01\x00v\x00".as_slice(), header.as_bytes()].concat();
         npy.extend((0..8).flat_map(|i| (5.0 + 10.0 * f64::from(i)).to_le_bytes()));

@@ -217,7 +217,7 @@ impl TrackComparison<'_> {
         errors
     }
 
-    /// Velocity at point `k` of a track from its position and those of its neighbors, um/s.
+    /// Velocity at point `k` of a track from the positions of it and its neighbors, um/s.
     fn slope(&self, points: &[u32], k: usize) -> Option<[f64; 3]> {
         let (r, um_per_px) = (self.clouds.1, self.truth.facts.um_per_px?);
         let over = |a: u32, b: u32| {

@@ -40,7 +40,7 @@ pub struct EvaluateOptions {
 }
 
 impl EvaluateOptions {
-    /// The allowed values: of the gates, the border and the plane. The square of a much smaller gate could underflow, that of a much
+    /// The allowed values: of the gates, the border and the plane. The square of a much smaller gate could underflow, of a much
     /// larger one overflow.
     pub const RANGES: [NumberRange; 5] = [
         NumberRange { key: "gate_xy_px", least: 1e-6, most: 1e9, unit: "px" },
@@ -163,7 +163,7 @@ pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions
             return Err(Error::option(advice!(option("gate"), what, gate_z, " or ", option("depth_um"))));
         }
     };
-    // Also that of a dataset whose depth range is out of all proportion.
+    // Also the gate of a dataset whose depth range is out of all proportion.
     if let Some(wrong) = EvaluateOptions::RANGES[1].fault(z_um).filter(|_| z_um.is_finite()) {
         return Err(Error::option(wrong));
     }

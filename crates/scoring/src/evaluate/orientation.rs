@@ -8,7 +8,7 @@ use super::statistics::{Interval, quantile, ratio};
 use super::track_set::TrackSet;
 use super::units::{Matched, Units};
 
-/// Angle of a missed spheroid and of a ghost, degrees: at least that of any found spheroid, so that neither
+/// Angle of a missed spheroid and of a ghost, degrees: at least as large as any found spheroid's, so that neither
 /// omitted rows nor rows at random positions improve the score.
 pub(super) const UNFOUND_DEG: f64 = 90.0;
 

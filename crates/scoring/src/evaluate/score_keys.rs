@@ -111,7 +111,7 @@ fn unit(path: &str) -> &'static str {
     UNITS.iter().find(|(end, _)| path.ends_with(end)).map_or("", |(_, unit)| unit)
 }
 
-/// Collects the keys of a schema below a path. Keys under `field.truths` repeat those of `field` and are
+/// Collects the keys of a schema below a path. Keys under `field.truths` repeat those under `field` and are
 /// skipped.
 fn collect(path: &str, schema: &Value, keys: &mut Vec<ScoreKey>) {
     let node = Node::of(schema);

@@ -61,7 +61,7 @@ pub const RESAMPLES: usize = 1000;
 pub(super) const BLOCKS: usize = 2000;
 
 /// Share of the resamples below the interval of a score with one-sided error `share` (0.025 for 95 %), from `units`
-/// units. The percentiles of few units are too close: their spread is that of a variance with divisor n instead
+/// units. The percentiles of few units are too close: they spread as a variance with divisor n instead
 /// of n - 1, and normal where Student's t applies; so the share is lowered (expanded percentile interval; Hesterberg,
 /// Am. Stat. 69, 371, 2015). Of 5 units 0.001 instead of 0.025, of 30 units 0.019.
 pub(crate) fn tail(units: usize, share: f64) -> f64 {

@@ -172,7 +172,7 @@ impl TrueParticles {
             UnsortedPoint { frame: r.frame, track, at: at(r), source: i as u32 }
         };
         let mut dropped = vec![false; result.rows.len()];
-        // A range that contains the whole truth is that of the measurement: ghosts beyond it are counted.
+        // A range that contains the whole truth is the measurement's: ghosts beyond it are counted.
         let is_beyond = |at: &Position| depth_um.is_some_and(|(low, high)| !(low..=high).contains(&at.z_um));
         let is_part = !flat && self.rows.iter().any(|row| is_beyond(&row.at));
         let is_outside =
@@ -244,7 +244,7 @@ impl TrueParticles {
 pub struct Region {
     /// Width of the border of the image that does not belong to it, px.
     pub border_px: f64,
-    /// Depths that an option limits it to, um; `None`: those of the dataset.
+    /// Depths that an option limits it to, um; `None`: the dataset's.
     pub depth_um: Option<(f64, f64)>,
 }
 

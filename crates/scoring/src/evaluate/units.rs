@@ -2,7 +2,7 @@
 //!
 //! A unit is a true track: the frames of a sequence show the same particles, and what makes one of them difficult
 //! (its depth, a neighbor) does so in all frames. Every result point belongs to a unit, too: a matched point to
-//! that of its true particle; another one to that of a true particle within twice the gate, to the one that its
+//! its true particle's; another one to the unit of a true particle within twice the gate, to the one that its
 //! track mostly follows, or to one that its place selects (a square of 8 px), in this order. Each result thus has the
 //! same units, and what is wrong in the same place or along the same track stays together. A unit has no
 //! more than twice the average number of unmatched points, or as many as the longest true track has points; others go to the
@@ -196,7 +196,7 @@ pub struct UnitScores {
     pub(crate) xy: Vec<f32>,
     /// The same of z, um²; empty without depth.
     pub(crate) z: Vec<f32>,
-    /// The same of the in-plane velocity, (um/s)²: at most that of the mean velocity of the truth, which also
+    /// The same of the in-plane velocity, (um/s)²: at most the error of the truth's mean velocity, which also
     /// replaces a missing velocity.
     pub(crate) velocity: Vec<f32>,
 }

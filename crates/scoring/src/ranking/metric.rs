@@ -382,7 +382,7 @@ fn hota(units: &UnitScores, draws: &Draws) -> Option<OfResamples> {
     resampled(&sums?, draws, |sums| hota::means(&sums)[0])
 }
 
-/// RMS error of displacement of inliers, from those along x and y. Its interval is at least as wide as that of
+/// RMS error of displacement of inliers, from the errors along x and y. Its interval is at least as wide as for
 /// the combined error.
 fn rms_of_inliers(field: &FieldScore) -> Measured {
     let errors = &field.main;

@@ -45,7 +45,7 @@ struct Skill {
     /// Number of ghosts per true point, in one frame each and in tracks of a place.
     ghosts: f64,
     ghost_tracks: f64,
-    /// Standard deviation of errors in the image plane, px, and along z, um; those of each track vary by a factor of 3.
+    /// Standard deviation of errors in the image plane, px, and along z, um; they vary between tracks by a factor of 3.
     error: f64,
     error_z: f64,
 }

@@ -106,7 +106,7 @@ fn frames_left_out_are_behind_the_complete_result() {
 
 #[test]
 fn the_worst_particles_left_out_gain_nothing() {
-    // Each error is nearer to that of a tracker that is a little better in some and worse in others.
+    // Each error is nearer to a tracker's that is a little better in some and worse in others.
     let z = |row: &TrackRow| (row.at.z_um - at(row.track as u32, row.frame).z_um).abs();
     let own = genuine();
     for limit in [1.9, 1.5, 1.0] {

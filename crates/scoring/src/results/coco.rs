@@ -29,7 +29,7 @@ pub(super) fn read(path: &InputFile, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(DEFAULTS, given)?;
     converter.notes.push("image_id is taken as the frame".to_owned());
     let file = std::io::BufReader::new(Text::open(path)?);
-    // The size of the file limits that of the list.
+    // The size of the file limits the list.
     let all: Vec<Found> = serde_json::from_reader(file)
         .map_err(|e| Error::input(format!("{}:{}: {e}", path.display(), e.line())))?;
     if all.len() > given.limits.rows {

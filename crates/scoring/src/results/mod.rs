@@ -110,7 +110,7 @@ pub enum Source {
 const EXTENSIONS: [&str; 5] = ["txt", "dat", "csv", "vec", "flo"];
 
 impl Source {
-    /// A file, or those of a folder or pattern (`*` is any text, `?` any character), in natural order.
+    /// A file, or all of a folder or pattern (`*` is any text, `?` any character), in natural order.
     ///
     /// # Errors
     /// A folder that cannot be read, that has no or several kinds of results; a pattern that fits no name.

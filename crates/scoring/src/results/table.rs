@@ -49,7 +49,7 @@ pub struct Points {
     pub n_nan: usize,
     /// How the reader interpreted the file.
     pub notes: Vec<String>,
-    /// The conventions by which it was converted; the default: those of the dataset.
+    /// The conventions by which it was converted; the default: the dataset's.
     pub read_as: Box<Conventions>,
 }
 

@@ -198,7 +198,7 @@ fn intervals(valid: &[ComparedVector], vectors: &[FlowVector], seed: u64) -> [In
         [0.0, 1.0, c.endpoint(), inlier, inlier * u * u, inlier * v * v]
     };
     let total = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    // As for reference nodes: errors of vectors with common pixels are correlated, and those of a steady flow repeat.
+    // As for reference nodes: errors of vectors with common pixels are correlated, and repeat in a steady flow.
     let square = |v: &FlowVector| [block(v.at.x_px), block(v.at.y_px)];
     let squares: BTreeSet<[u32; 2]> = vectors.iter().map(square).collect();
     let mut units: BTreeMap<(u32, [u32; 2]), [f64; 6]> = BTreeMap::new();

@@ -1,8 +1,8 @@
 //! Cubic-spline interpolation on a rectangular grid, some of whose nodes have no value.
 //!
 //! In each cell the interpolant is the bicubic Hermite polynomial of values, slopes and cross derivatives at
-//! its corners. Slopes are those of cubic splines along each unbroken run of nodes of a row or column, whose
-//! end slopes are those of the polynomial through the last five nodes; a run of fewer than four nodes has the
+//! its corners. Slopes come from cubic splines along each unbroken run of nodes of a row or column, whose
+//! end slopes come from the polynomial through the last five nodes; a run of fewer than four nodes has the
 //! polynomial through them. Without gaps, this is the tensor-product cubic spline: errors are of fourth order
 //! in the spacing (de Boor, A Practical Guide to Splines, chapters IV and XVII).
 

@@ -95,7 +95,7 @@ pub(super) fn hints(
 /// Another reading of the values of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Reading {
-    /// Index of the unit of positions in [`LENGTHS`]; `None` for that of the result.
+    /// Index of the unit of positions in [`LENGTHS`]; `None` for the result's.
     at: Option<usize>,
     axes: Axes,
     /// Factor of displacements.
@@ -223,7 +223,7 @@ fn significant(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 
-/// The reading in other units or with reversed axes that fits much better than that of the result, if any.
+/// The reading in other units or with reversed axes that fits much better than the result's, if any.
 fn other_reading(field: &Field, grid: &TrueField, facts: &RecordingFacts) -> Option<Hint> {
     /// Number of vectors for which all readings are tried.
     const SAMPLE: usize = 2000;
@@ -288,7 +288,7 @@ fn other_reading(field: &Field, grid: &TrueField, facts: &RecordingFacts) -> Opt
 /// A hint if zero displacements would have smaller errors. It compares medians, because outliers alone make
 /// any field worse.
 fn no_better_than_zeros(compared: &[ComparedVector]) -> Option<Hint> {
-    /// Errors below this are those of noise in small displacements, px.
+    /// Errors below this are noise in small displacements, px.
     const LARGE_PX: f64 = 0.5;
     let median = |of: &dyn Fn(&ComparedVector) -> f64| {
         let mut values: Vec<f64> = compared.iter().map(of).filter(|v| v.is_finite()).collect();

@@ -37,7 +37,7 @@ use true_field::{Displacement, TrueFields};
 /// RMS of the true displacement about its mean below which a flow is uniform, px.
 const UNIFORM_PX: f64 = 0.05;
 
-/// Largest error of an interpolated truth that does not matter, as a share of that of the vectors: it adds
+/// Largest error of an interpolated truth that does not matter, as a share of the vectors' error: it adds
 /// 3 % to their RMS error.
 const SMALL_SHARE: f64 = 0.25;
 /// Error of an interpolated truth that never matters, px: far below the noise of any image.
@@ -96,7 +96,7 @@ pub struct ScoredField {
     pub warnings: Vec<String>,
 }
 
-/// A warning if the error of an interpolated truth is not small compared with that of the result.
+/// A warning if the error of an interpolated truth is not small compared with the result's.
 fn coarse_truth(score: &FieldScore) -> Option<String> {
     let interpolated = "the truth is interpolated between its nodes";
     let Some(own) = score.interpolation_error_px else {

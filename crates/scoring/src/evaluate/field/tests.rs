@@ -263,11 +263,11 @@ fn hints_promise_what_their_options_give() {
         let hint = hint.unwrap_or_else(|| panic!("{question}: {:?}", found.hints));
         assert!(hint.what.ends_with(options), "{}", hint.what);
         let then = scored("f.txt", &text, given);
-        // The promise of origins is that of inliers; here all are.
+        // Origins are promised by the errors of inliers; here all are.
         assert!((rms(&then) - hint.rms_px.unwrap()).abs() < 1e-6, "{question}: {} {hint:?}", rms(&then));
         assert!(!then.hints.iter().any(|hint| hint.question == question), "{question}: {:?}", then.hints);
     }
-    // Another time between frames than that of the dataset.
+    // Another time between frames than the dataset's.
     let found = scored("f.txt", &openpiv(1e3 * m, 250.0 * m_s, false), NONE).hints.remove(0);
     assert!(found.what.ends_with("px; --um-per-px 0.5 --dt 0.08"), "{found:?}");
     let text = table(

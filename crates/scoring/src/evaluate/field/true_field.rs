@@ -279,7 +279,7 @@ impl TrueFields {
                 .collect();
         };
         let Some((_, first)) = self.fields.first() else { return Vec::new() };
-        // Vectors of all pairs in a steady flow, and those of several results, share their positions.
+        // Vectors of all pairs in a steady flow, and of several results, share their positions.
         let place = |v: &FlowVector| {
             let pair = first.pair_of(v)?;
             let is_inside =
