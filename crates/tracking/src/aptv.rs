@@ -2,7 +2,7 @@
 //!
 //! A particle image is a connected region above a threshold; its widths are the square roots of the second
 //! central moments of the light above it along x and y. The widths over the calibration stack form a curve in
-//! the plane of widths, and the depth of a particle is that of the nearest point of the curve (Cierpka et al.
+//! the plane of widths, and a particle has the depth of the nearest point of the curve (Cierpka et al.
 //! 2010, Meas. Sci. Technol. 21, 045401); with stacks of several sizes, of all their curves. Overlapping
 //! particles merge into one region whose widths are off the curve, and are dropped. Without a cylindrical
 //! lens the curve folds back on itself: depths on both sides of the focus are indistinguishable.

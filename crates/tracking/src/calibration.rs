@@ -297,7 +297,7 @@ fn table(dataset: &DatasetPlace) -> Result<Stacks> {
     Ok((size, stacks))
 }
 
-/// Size of the images, px: that of the settings, or that of the first image if no optics are known.
+/// Size of the images, px: from the settings, or of the first image if no optics are known.
 fn image_size(dataset: &DatasetPlace) -> Result<(u32, u32)> {
     // The size does not depend on the immersion, whose refractive index is below 2.
     if let Some(settings) = dataset.calibration_settings(2.0)? {

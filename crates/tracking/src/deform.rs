@@ -34,7 +34,7 @@ impl<'a> Deformable<'a> {
         Deformable { images: [a, b], cubic: OnceLock::new() }
     }
 
-    /// Both images, displaced by minus and plus half of a displacement at every pixel, px: `displacement` writes those of
+    /// Both images, displaced by minus and plus half of a displacement at every pixel, px: `displacement` writes it for
     /// a row.
     pub(super) fn deformed(
         &self,

@@ -40,7 +40,7 @@ impl PixelNoise {
     const NORMAL_FROM: f32 = 4.0;
 
     /// Noise with lower limits on its variances, which apply where the background has no noise: the variance
-    /// of rounding, and that of light in steps of `gain` counts (rays, electrons) where few steps are
+    /// of rounding, and of light in steps of `gain` counts (rays, electrons) where few steps are
     /// expected, as if there were [`Self::NORMAL_FROM`]. Fewer steps are not distributed normally, and their
     /// expected number is uncertain: with its small variance, a single ray beside a particle would outweigh
     /// the particle image.

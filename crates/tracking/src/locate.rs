@@ -100,7 +100,7 @@ impl Coarse {
 }
 
 impl<I: ParticleImages> Locator<I> {
-    /// For each size of particles, templates for the search and images for the final fit; `noise` is that of
+    /// For each size of particles, templates for the search and images for the final fit; `noise` is the noise of
     /// a frame.
     pub(super) fn new(sizes: Vec<(Templates, I)>, error: f32, noise: PixelNoise) -> Self {
         let (templates, images): (Vec<Templates>, Vec<I>) = sizes.into_iter().unzip();

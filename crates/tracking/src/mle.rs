@@ -127,7 +127,7 @@ pub(super) struct OfSpheroids {
     pub(super) noise: PixelNoise,
 }
 
-/// Images of spheroids whose polar diameter is up to `longest` times that of the calibration particle.
+/// Images of spheroids whose polar diameter is up to `longest` times the calibration particle's.
 pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
@@ -180,7 +180,7 @@ pub(super) struct ShapeImages {
 }
 
 impl ShapeImages {
-    /// With room for a polar diameter up to `longest` times that of the calibration particle, if there is as much.
+    /// With room for a polar diameter up to `longest` times the calibration particle's, if there is as much.
     pub(super) fn up_to(mut self, longest: f64) -> Self {
         let more = ((self.of_aspect * (longest - 1.0)).ceil() as usize).min(self.room);
         self.model.radii = self.radii.iter().map(|radius| radius + more).collect();

@@ -448,7 +448,7 @@ mod tests {
         }
     }
 
-    /// Between integer pixels, the mean error is that of the interpolation: up to 0.0113 px for cubic
+    /// Between integer pixels, the mean error comes from the interpolation: up to 0.0113 px for cubic
     /// splines, with a period of 2 px, up to 0.0015 px for septic ones; the mean of 700 vectors varies by
     /// 0.0001 px.
     #[test]

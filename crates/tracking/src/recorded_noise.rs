@@ -1,5 +1,5 @@
 //! Noise of the frames of a recording, from its manifest: the stacks of a recording are averages, whose noise
-//! tells nothing about that of a frame.
+//! tells nothing about a frame's.
 
 use super::denoise::PixelNoise;
 use generator::runner::DatasetPlace;
@@ -40,7 +40,7 @@ impl RecordedNoise {
         PixelNoise::new(of(self.frame[0], stack.dark), of(self.frame[1], stack.gain))
     }
 
-    /// Noise of a calibration image, if that of a frame is known.
+    /// Noise of a calibration image, if a frame's is known.
     pub(super) fn of_stack(self) -> Option<PixelNoise> {
         let [dark, gain] = self.frame;
         let averaged = |term: f64| (term / self.averaged) as f32;

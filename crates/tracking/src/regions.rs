@@ -45,7 +45,7 @@ pub(super) fn search(
         rejections.add(rejected);
         for mut fit in of_part {
             fit.at = [fit.at[0] + left as f64, fit.at[1] + top as f64];
-            // Beyond the frame, the place is that of the nearest pixel.
+            // Beyond the frame, the place of the nearest pixel.
             let [x, y] =
                 [fit.at[0].clamp(0.0, width as f64 - 1.0), fit.at[1].clamp(0.0, height as f64 - 1.0)];
             if nearest(x, y) == place {

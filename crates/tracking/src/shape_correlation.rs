@@ -43,7 +43,7 @@ pub(super) fn particles(job: &Job, aspect: AspectRatio) -> Result<Output> {
     job.particles(|frame| spheroids.correlated(frame))
 }
 
-/// The spheroids near those of a search: of each, the matches at the maxima over depth, best first.
+/// The spheroids near those found by a search: for each, the matches at the maxima over depth, best first.
 pub(super) fn in_frame(
     mut residual: Residual,
     templates: &ShapeTemplates,

@@ -1,7 +1,7 @@
 //! Maximum-likelihood fit of a spheroid: brightness, position, depth, axis and, if it is not known, aspect ratio.
 //!
 //! A fit starts from several poses, among them mirror images toward and away from the lens and depths on the other side of
-//! focus, which look alike at some depths. It is that of Levenberg and Marquardt, with derivatives that are updated from
+//! focus, which look alike at some depths. The method is Levenberg and Marquardt's, with derivatives that are updated from
 //! image to image (Broyden 1965, Math. Comput. 19, 577). By rays, the way there goes by drafts of the images, and only
 //! the last fit by exact ones; its first derivatives also give the covariance.
 
@@ -439,7 +439,7 @@ impl Fitted {
         &self.state.pose
     }
 
-    /// Whether the derivatives are those of another place.
+    /// Whether the derivatives belong to another place.
     fn is_far(&self) -> bool {
         let (now, from) = (self.state.pose, self.from);
         let change = [

@@ -13,7 +13,7 @@ use super::mle::{Detail, ShapeImages};
 use super::shape_fit::Pose;
 use super::templates::Templates;
 
-/// Images at these depths, brightness 1, on squares of half width `images.radius()`: what `made` makes of those of each
+/// Images at these depths, brightness 1, on squares of half width `images.radius()`: what `made` makes of the images of each
 /// aspect ratio and, of these, each axis.
 fn over_depth<T: Send>(
     images: &ShapeImages,

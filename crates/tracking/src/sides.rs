@@ -8,7 +8,7 @@
 use super::denoise::PixelNoise;
 use super::templates::Templates;
 
-/// Below this distance, more than one depth in ten is that of the other side.
+/// Below this distance, more than one depth in ten is on the wrong side.
 const DISTINGUISHABLE: f64 = 2.56;
 
 /// Images of the other side are separated from a depth by images that differ by more than this, and by this factor
@@ -20,7 +20,7 @@ const HIGHER: f64 = 2.0;
 const MANY: f64 = 0.1;
 
 /// A warning if many depths have images that, in frames with this noise and for templates with this relative error,
-/// cannot be distinguished from those of a depth on the other side of the focus.
+/// look the same at a depth on the other side of the focus.
 pub(super) fn warning(templates: &Templates, noise: PixelNoise, error: f32) -> Option<String> {
     let of_depths = templates.len();
     let guessed: Vec<f64> = (0..of_depths)

@@ -4,7 +4,7 @@
 //! (`shape_correlation`). `mle` also fits each of them with the others subtracted (`shape_fit`), overlapping ones in turn
 //! until they no longer move. An aspect ratio that is not given
 //! is taken to be common to all particles. It is the median over those whose images are the clearest: the image of two
-//! overlapping particles resembles that of one long rod.
+//! overlapping particles resembles one long rod's.
 
 use microsig_core::cancel::checkpoint;
 use rayon::prelude::*;
@@ -302,7 +302,7 @@ fn settle(fit: &Fit, residual: &mut [f32], found: &mut [Fitted]) {
     }
 }
 
-/// Polar diameter over that of the calibration particle for which images have room.
+/// Polar diameter, relative to the calibration particle's, for which images have room.
 fn longest(aspects: &[f64]) -> f64 {
     aspects.iter().copied().fold(1.0, f64::max)
 }

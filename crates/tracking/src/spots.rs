@@ -64,7 +64,7 @@ impl LogDetector {
         let smooth = image.smoothed(self.sigma_px);
         let value = |x: usize, y: usize| smooth.counts[y * w + x];
         let answer = laplacian(&smooth);
-        // Where particle images touch, they dominate the median response of this filter, less that of the finest
+        // Where particle images touch, they dominate the median response of this filter, less the finest
         // detail of the image.
         let gain = self.noise_gain();
         let noise = rounded_noise(image)
@@ -95,7 +95,7 @@ impl LogDetector {
         found
     }
 
-    /// Standard deviation of the filter response over that of white noise in the image.
+    /// Standard deviation of the filter response relative to white noise in the image.
     fn noise_gain(&self) -> f32 {
         let center = (6.0 * self.sigma_px).ceil() as usize + 2;
         let side = 2 * center + 1;
@@ -128,7 +128,7 @@ fn differences(image: &GrayImage) -> GrayImage {
     })
 }
 
-/// Standard deviation of white noise over that of its [`differences`]: the squares of their weights sum to 36.
+/// Standard deviation of white noise relative to its [`differences`]: the squares of their weights sum to 36.
 const OF_DIFFERENCES: f32 = 1.0 / 6.0;
 
 /// Standard deviation of white noise (Immerkaer 1996, Comput. Vis. Image Underst. 64, 300; here with a median).

@@ -116,7 +116,7 @@ impl ParticleImages for Templates {
         let slope = slope.map(|s| s * per_um as f32);
         let knots: [&GrayImage; 4] = std::array::from_fn(|i| &self.coefficients[low + PADDING + i - 1]);
         let (width, center) = (knots[0].width, (knots[0].width / 2) as isize);
-        // All pixels of the square have the same sub-pixel offset from those of the template.
+        // All pixels of the square have the same sub-pixel offset from the template's.
         let base = offset.map(|o| (-o).floor());
         let part: [f32; 2] = std::array::from_fn(|i| (-offset[i] - base[i]) as f32);
         let ((wx, sx), (wy, sy)) = (weights(part[0]), weights(part[1]));
