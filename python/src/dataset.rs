@@ -41,7 +41,7 @@ pub(crate) struct ScenarioText {
 }
 
 impl ScenarioText {
-    /// The values that replace those of the text.
+    /// The values that replace the text's.
     pub(crate) fn assignments(&self) -> Vec<Assignment> {
         let of = |(path, value): &(String, String)| Assignment { path: path.clone(), value: value.clone() };
         self.values.iter().map(of).collect()

@@ -18,7 +18,7 @@ use crate::run::{OnInterrupt, raise, run};
 use crate::tables;
 
 /// An image of particles, (rows, columns), and warnings about it. `settings` is the text of a settings file,
-/// which `name` is in messages; `rows` are those of a data file.
+/// which `name` is in messages; `rows` are read from a data file.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn render<'py>(

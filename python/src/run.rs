@@ -20,7 +20,7 @@ use storage::advice::Advice;
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Stack of the threads that work, bytes: that of a program's first thread.
+/// Stack of the threads that work, bytes: as for a program's first thread.
 const STACK: usize = 8 << 20;
 
 /// The threads, and the process that they belong to: a forked process has none of its parent's.

@@ -74,7 +74,7 @@ impl Golden {
         (images, others)
     }
 
-    /// The reason why these hashes may not be replaced by those of `now`: output of a released version must
+    /// The reason why these hashes may not be replaced by `now`: output of a released version must
     /// not change.
     pub fn refusal(&self, now: &Golden) -> Option<String> {
         let (images, others) = self.changed(now);

@@ -1,4 +1,4 @@
-//! Comparison of images with those of the original program, one row of `summary.csv` at a time.
+//! Comparison of images with the original program's, one row of `summary.csv` at a time.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

@@ -61,7 +61,7 @@ fn a_dataset_has_the_maps_of_its_camera() {
             assert!(text.contains(&format!("inputs/{name}")), "{list} does not list {name}");
         }
     }
-    // With the maps in its folder, including those of the crops of calibration images.
+    // With the maps in its folder, also for the crops of calibration images.
     run(&["verify", path(&out), "--regenerate"]);
 
     // Most pixels of a frame are dark.

@@ -128,7 +128,7 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
     let said = run(&[&of[..], &["--against", path(&board), "--out", path(&against)]].concat());
     let expected = "P2: one and published packed: better in 0, worse in 0, not separated in 2 cases";
     assert!(said.contains(expected), "{said}");
-    // In the generated suite, if its test splits were those of the release.
+    // In the generated suite, if the release had its test splits.
     let generated = place.path().join("generated");
     fs::create_dir(&generated).unwrap();
     fs::copy(c.datasets.join("suite.json"), generated.join("suite.json")).unwrap();

@@ -327,7 +327,7 @@ fn whole_files_are_linked_or_copied_as_they_are() {
 #[test]
 fn images_in_focus_are_imported_without_a_scan() {
     let recording = Recording::new();
-    // Pairs whose names tell them, in another order than that of the names. Plane 13 is in focus.
+    // Pairs whose names tell them, in another order than the names. Plane 13 is in focus.
     for (k, seed) in [0, 1].into_iter().enumerate() {
         for (role, pass) in [("a", &PASSES[seed]), ("b", &PASSES[2])] {
             write_eight_bit(&recording.at(&format!("{role}_{k}.tif")), &[eight_bit(&pass[13])], "a camera");

@@ -44,7 +44,7 @@ fn images_point_where_the_axis_does() {
                 let particle = spheroid(-25.0, d_um, e_p, axis);
                 let image = Ensemble::draw(&settings, &[particle], law, 100 + i as u64, 8).unwrap().of_mean;
                 let long_axis = 0.5 * (2.0 * image.mxy).atan2(image.mxx - image.myy);
-                // The image of a rod is elongated along its axis, that of a disc across it.
+                // The image of a rod is elongated along its axis, a disc's across it.
                 let expected =
                     axis[1].atan2(axis[0]) + if e_p > 1.0 { 0.0 } else { 0.5 * std::f64::consts::PI };
                 let off = (2.0 * (long_axis - expected)).sin().asin() / 2.0;

@@ -60,7 +60,7 @@ fn a_released_case_of_fields_takes_fields() {
     let only = ["--case", "shift", "--codabench", "--quiet"];
     run(&[&["suite", "release", path(&suite), path(&datasets), "--out", path(&out)][..], &only].concat());
     let out = out.join("V/shift");
-    // The flow is that of train, which participants must know.
+    // The flow is the same as in train, which participants must know.
     let readme = std::fs::read_to_string(out.join("public/README.md")).unwrap();
     assert!(
         readme.contains("A challenge for PIV")

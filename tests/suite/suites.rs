@@ -155,7 +155,7 @@ fn a_suite_of_the_program_is_a_start_for_ones_own() {
     assert!(run(&["new", "--list"]).contains("odpc1"));
 }
 
-/// Train and val are those of a challenge made from train.
+/// Train and val equal a challenge's made from train.
 #[test]
 fn a_released_case_has_the_train_and_val_of_the_suite() {
     let c = &*LITTLE;

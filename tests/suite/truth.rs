@@ -133,7 +133,7 @@ fn the_scatter_of_the_focus_is_a_constant_of_each_track() {
     let moment = |k: i32| values.iter().map(|v| (v / 3.0).powi(k)).sum::<f64>() / values.len() as f64;
     let error = 4.0 / (values.len() as f64).sqrt();
     assert!(moment(1).abs() < error && (moment(2) - 1.0).abs() < 1.5 * error, "{} {}", moment(1), moment(2));
-    // A peak is that of the depth at which the particle seems to be.
+    // The peak belongs to the depth at which the particle seems to be.
     assert!(tables[0]["peak_counts"] != tables[2]["peak_counts"]);
 }
 

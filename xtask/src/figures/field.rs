@@ -50,7 +50,7 @@ fn scenario(term: &str) -> anyhow::Result<Scenario> {
 }
 
 /// Particles from the center to the corner at each depth; each tile is centered on the ideal image and scaled to
-/// its own peak, or to that of its depth.
+/// its own peak, or to its depth's.
 fn row(scenario: &Scenario, is_scaled_together: bool) -> anyhow::Result<GrayImage> {
     let (middle, half) = (f64::from(SENSOR / 2), f64::from(SIDE / 2));
     let mut tiles = Vec::new();
