@@ -95,9 +95,6 @@ pub struct FitOptions {
 
 impl FitOptions {
     /// Refuses values out of range.
-    ///
-    /// # Errors
-    /// All of them.
     pub fn check(&self) -> Result<()> {
         let Given { magnification, pixel_size_um, ri_medium, depth_factor, .. } = self.given;
         let layers = self.waves.and_then(|waves| waves.layers);

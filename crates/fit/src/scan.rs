@@ -146,9 +146,6 @@ impl Scan {
     }
 
     /// Number of channels that the file of a scan, or the first of a folder, states.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
     pub fn channels(path: &Path) -> Result<usize> {
         files::channels(path)
     }

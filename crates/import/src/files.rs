@@ -7,9 +7,6 @@ use storage::error::{Error, Result};
 use storage::walk;
 
 /// The TIFF files of all arguments, in the order of the arguments.
-///
-/// # Errors
-/// An argument without files.
 pub(crate) fn of(arguments: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for argument in arguments {

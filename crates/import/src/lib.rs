@@ -262,9 +262,6 @@ fn scan_of(file: &Path, options: &ImportOptions) -> Result<Scan> {
 }
 
 /// Positions of all particles of a scan, px, with the first pixel's center at (1, 1), most contrast first.
-///
-/// # Errors
-/// A scan without particles.
 pub fn locate(scan: &Scan) -> Result<Vec<[f64; 2]>> {
     let located = located::Located::of(scan, &scan.levels())?;
     Ok(located.places.into_iter().map(|at| at.map(|at| at + 1.0)).collect())

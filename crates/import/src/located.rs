@@ -37,9 +37,6 @@ pub(crate) struct Located {
 
 impl Located {
     /// Finds the particles.
-    ///
-    /// # Errors
-    /// A scan without particles.
     pub(crate) fn of(scan: &Scan, levels: &[Level]) -> Result<Self> {
         let size = (scan.width, scan.height);
         let plane = |level: &Level| {

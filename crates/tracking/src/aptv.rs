@@ -141,9 +141,6 @@ pub(super) struct CalibrationCurve {
 
 impl CalibrationCurve {
     /// The points of the curves of all stacks, and warnings of sizes that are too faint for a curve.
-    ///
-    /// # Errors
-    /// Fewer than five images show a particle, of any stack.
     fn of_sizes(stacks: &[Vec<CalibrationImage>]) -> Result<(Self, Vec<String>)> {
         let peak = |step: &CalibrationImage| {
             let smooth = step.image.smoothed(SMOOTH_PX);
@@ -163,9 +160,6 @@ impl CalibrationCurve {
     }
 
     /// The curve of a calibration stack, of regions at least `least` counts above the background.
-    ///
-    /// # Errors
-    /// Fewer than five images show a particle.
     fn new(steps: &[CalibrationImage], least: f32) -> Result<Self> {
         let mut seen: Vec<(f64, [f64; 4])> = Vec::new();
         for step in steps {

@@ -103,9 +103,6 @@ pub(super) fn read_field(dataset: &DatasetPlace) -> Result<Vec<PlaceStacks>> {
 
 /// Reads the stacks of a dataset, one for each size of particles in order of their diameters; with several
 /// places in the field of view, those at the place nearest to its middle.
-///
-/// # Errors
-/// As [`read_field`].
 pub(super) fn read(dataset: &DatasetPlace) -> Result<Vec<Vec<CalibrationImage>>> {
     let (size, stacks) = central(dataset)?;
     stacks.into_iter().map(|rows| images(dataset, rows, size)).collect()

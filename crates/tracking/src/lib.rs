@@ -169,9 +169,6 @@ impl TrackOptions {
     ];
 
     /// Refuses values out of range, an unknown method and options of other methods.
-    ///
-    /// # Errors
-    /// All of them.
     fn check(&self) -> Result<&'static Method> {
         let method = method(&self.method)?;
         let [displacement, diameter, noise_xy, noise_z] = Self::RANGES;
@@ -275,9 +272,6 @@ struct ShapeUncertainty {
 }
 
 /// The method of this name.
-///
-/// # Errors
-/// An unknown name.
 pub fn method(name: &str) -> Result<&'static Method> {
     METHODS.iter().find(|m| m.name == name).copied().ok_or_else(|| {
         let names: Vec<&str> = METHODS.iter().map(|m| m.name).collect();
@@ -333,9 +327,6 @@ pub fn track(dataset: &Path, out: impl Into<OutputFile>, options: &TrackOptions)
 }
 
 /// Tracks a dataset by one of the [`METHODS`]; returns the result and warnings about it.
-///
-/// # Errors
-/// An unknown method, a dataset without what the method needs.
 pub fn result(dataset: &DatasetPlace, options: &TrackOptions) -> Result<(Columns, Vec<String>)> {
     let method = options.check()?;
     let job = Job::new(dataset, options)?;

@@ -17,9 +17,6 @@ pub(super) struct RecordedNoise {
 
 impl RecordedNoise {
     /// The noise of a recording; `None` of a generated dataset.
-    ///
-    /// # Errors
-    /// A manifest that cannot be read.
     pub(super) fn read(dataset: &DatasetPlace) -> Result<Option<Self>> {
         let manifest = dataset.manifest()?;
         let facts = &manifest.microsig;

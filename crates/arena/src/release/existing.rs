@@ -103,9 +103,6 @@ pub(super) struct PublicManifest {
 
 impl PublicManifest {
     /// Reads the manifest of a release.
-    ///
-    /// # Errors
-    /// A folder that is no release.
     pub(super) fn read(release: &Path) -> Result<Self> {
         let path = release.join("public").join(MANIFEST);
         let no = |what: &str| Error::input(format!("{}: {what}", path.display()));

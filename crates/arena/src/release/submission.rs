@@ -253,9 +253,6 @@ pub(crate) fn only_regular(folder: &Path) -> Result<()> {
 }
 
 /// Limits on the size of results for a test split.
-///
-/// # Errors
-/// A split that is unreadable.
 pub fn limits(test: &Path) -> Result<Limits> {
     measurement::limits(test, &RecordingFacts::read(test)?)
 }

@@ -57,9 +57,6 @@ pub fn compare(paths: &[InputFile], out: &Path, force: bool) -> Result<Compariso
 }
 
 /// [`compare`] for the cases of a sweep in which 1 um/s is a displacement of `px_per_um_s` px.
-///
-/// # Errors
-/// As for [`compare`].
 pub fn compare_sweep(
     paths: &[InputFile],
     out: &Path,
@@ -105,9 +102,6 @@ pub struct Named {
 }
 
 /// Ranks scores.
-///
-/// # Errors
-/// A score that cannot be serialized; never observed.
 pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
     let of = |Named { name, tracker, score, units }: Named| {
         let mut entry = Entry::of(name, &score, units);

@@ -16,9 +16,6 @@ const DOT: f64 = 5.0;
 const UNMAPPED: [&str; 2] = ["x_px", "y_px"];
 
 /// The report of a fit.
-///
-/// # Errors
-/// An image that cannot be drawn.
 pub fn field_page(made: &FieldFiles, scan: &str, size_px: [usize; 2]) -> Result<String> {
     let fitted = &made.fitted;
     let singles = fitted.particles.iter().filter(|particle| particle.is_single).count();

@@ -17,9 +17,6 @@ const ROWS: usize = 3;
 const KINDS: [&str; 2] = ["data", "model"];
 
 /// The report of a fit whose files are in the folder `out`.
-///
-/// # Errors
-/// A plot that cannot be drawn.
 pub fn fit_page(fitted: &Fitted, evidence: &Evidence, scan: &str, out: &str) -> Result<String> {
     let title = format!("Fit of {scan}");
     let plots = plots(fitted, evidence)?;

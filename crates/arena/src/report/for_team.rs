@@ -41,9 +41,6 @@ pub(super) fn write(folder: &OutputFolder, score: &Score) -> Result<String> {
 
 /// Names and contents of the files of an evaluation that may be published: `score.json` and, unless the truth is
 /// withheld, `report.html` without true positions.
-///
-/// # Errors
-/// A plot that cannot be drawn.
 pub(crate) fn published_files(evaluation: &Evaluation) -> Result<Vec<(&'static str, String)>> {
     let mut files = vec![(SCORE, super::json(&published(&evaluation.score)?)?)];
     if !evaluation.score.truth_is_secret {
@@ -94,9 +91,6 @@ fn published(score: &Score) -> Result<Value> {
 }
 
 /// The publishable part of a score; all other scores are undefined.
-///
-/// # Errors
-/// A score that cannot be serialized; never observed.
 pub(crate) fn redacted(score: &Score) -> Result<Score> {
     if !score.truth_is_secret {
         return Ok(score.clone());

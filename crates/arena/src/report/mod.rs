@@ -113,17 +113,11 @@ pub(crate) fn write_into(folder: &OutputFolder, evaluation: &Evaluation, html: b
 }
 
 /// The input of the paired comparison with other results, as JSON.
-///
-/// # Errors
-/// A number that cannot be serialized; never observed.
 pub fn units_json(units: &UnitScores) -> Result<String> {
     serde_json::to_string(units).map_err(|e| Error::input(e.to_string()))
 }
 
 /// All scores as JSON.
-///
-/// # Errors
-/// A score that cannot be serialized; never observed.
 pub fn json(score: &impl Serialize) -> Result<String> {
     let text = serde_json::to_string_pretty(score).map_err(|e| Error::input(e.to_string()))?;
     Ok(text + "\n")

@@ -60,9 +60,6 @@ pub(crate) fn document(title: &str, body: &Markup) -> String {
 }
 
 /// The report of an evaluation. `with_true_positions`: including plots that show true positions.
-///
-/// # Errors
-/// A plot that cannot be drawn.
 pub(super) fn page(evaluation: &Evaluation, with_true_positions: bool) -> Result<String> {
     let score = &evaluation.score;
     let mut plots = Vec::new();

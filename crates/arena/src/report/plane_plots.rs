@@ -10,9 +10,6 @@ use scoring::evaluate::planes::{PlaneBin, PlanePoint, PlaneScore};
 use storage::error::Result;
 
 /// The plots; none without such errors.
-///
-/// # Errors
-/// A plot that cannot be drawn.
 pub(super) fn plots(
     score: &Score,
     points: &[PlanePoint],

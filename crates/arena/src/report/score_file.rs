@@ -36,9 +36,6 @@ pub(super) fn read(path: &InputFile) -> Result<Score> {
 }
 
 /// Reads the input of the paired comparison from the file beside a score; `None` if it does not exist.
-///
-/// # Errors
-/// A file that is malformed.
 pub(super) fn read_units(path: &InputFile) -> Result<Option<UnitScores>> {
     if path.is_standard() {
         return Ok(None);

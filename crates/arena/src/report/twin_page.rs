@@ -227,9 +227,6 @@ fn sentence(tracker: &str, recorded: Option<&TwinScore>, twin: &TwinScore) -> St
 }
 
 /// The scores and the page.
-///
-/// # Errors
-/// A plot that cannot be drawn.
 pub fn twin_page(about: &TwinAbout, trackers: &[OnBoth]) -> Result<(Vec<TrackerScores>, String)> {
     let is_far = |seen: &Seen| (seen.z_um - about.focus_um).abs() > about.near_um;
     let (mut scores, mut plots) = (Vec::new(), Vec::new());

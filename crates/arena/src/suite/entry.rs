@@ -35,9 +35,6 @@ pub(super) struct Entry {
 
 impl Entry {
     /// Opens a folder or archive, which messages call `given`. What is wrong with a submission is its `fault`.
-    ///
-    /// # Errors
-    /// A folder that cannot be read.
     pub(super) fn open(path: &Path, given: PathBuf, suite: (&SuiteRecord, &Path, &[String])) -> Result<Self> {
         let is_archive = path.is_file();
         let name = if is_archive { path.file_stem() } else { path.file_name() };

@@ -264,9 +264,6 @@ impl SuiteScores {
     }
 
     /// Reads `suite_scores.json`.
-    ///
-    /// # Errors
-    /// A file that is not a score file of a suite.
     pub fn read(path: &Path) -> Result<Self> {
         storage::json::parse(&storage::read_text(path)?)
             .map_err(|e| Error::input(format!("{}: {e}", path.display())))

@@ -36,9 +36,6 @@ impl Annotations {
 }
 
 /// The page, without scripts or network access.
-///
-/// # Errors
-/// A plot that cannot be drawn.
 pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
     let mut tracks: Vec<&str> = scores.cases.iter().map(|case| case.track.as_str()).collect();
     tracks.dedup();

@@ -279,9 +279,6 @@ fn row(Packages { case, files }: &Packages) -> Markup {
 }
 
 /// The published test split of a released case, unpacked into a temporary folder: what participants have.
-///
-/// # Errors
-/// An archive that cannot be read.
 pub fn published_test(out: &Path, case: &SuiteCase) -> Result<(TemporaryFolder, PathBuf)> {
     let name = format!("{}-test", case.dataset());
     let archive = out.join(case.folder()).join(PUBLIC).join(format!("{name}.zip"));

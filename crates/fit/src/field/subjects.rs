@@ -19,9 +19,6 @@ const PLANES: usize = 17;
 
 /// The particles that are fitted, of so many first candidates, nearest to the center first, and the number of those that
 /// could be.
-///
-/// # Errors
-/// [`Error::Input`] if there are too few.
 pub(super) fn of<'a>(
     scan: &Scan,
     frames: &'a Frames,

@@ -58,9 +58,6 @@ impl Drawn {
 
 impl Distribution {
     /// Checks the bounds; `path` is the key that varies.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if they are invalid.
     pub fn check(&self, path: &str) -> Result<()> {
         let refuse = |allowed: &str| Err(Error::input(format!("vary {path}: expected {allowed}")));
         match self {

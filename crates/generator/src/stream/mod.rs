@@ -202,9 +202,6 @@ impl SampleStream {
     }
 
     /// The scenario of a sample.
-    ///
-    /// # Errors
-    /// An invalid combination of values.
     pub fn scenario(&self, index: u64) -> Result<Scenario> {
         self.with(index, None)
     }

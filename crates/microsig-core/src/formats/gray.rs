@@ -171,9 +171,6 @@ impl<R: Read + Seek> GrayImages<R> {
     }
 
     /// The numbers of the image, row by row.
-    ///
-    /// # Errors
-    /// Data that cannot be decoded; numbers that are neither unsigned, of 8 to 16 bit, nor of floating point.
     pub(super) fn counts(&mut self) -> Result<Counts, String> {
         let counts = match (self.numbers()?, self.packed) {
             (Numbers::Unsigned(_), Some(packed)) => Counts::Whole(self.unpacked(packed)?),

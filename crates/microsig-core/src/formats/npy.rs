@@ -56,9 +56,6 @@ pub struct Header {
 
 impl Header {
     /// Reads the start of a file, up to its numbers.
-    ///
-    /// # Errors
-    /// A file that is no NumPy array.
     pub fn read(source: &mut impl Read) -> Result<Self, Refused> {
         let mut start = [0; 10];
         source.read_exact(&mut start).map_err(|e| broken(&e))?;

@@ -128,9 +128,6 @@ impl<R: Read + Seek> Pages<R> {
     }
 
     /// Goes to the next page; `false` if there is none.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if the file is damaged.
     pub fn go_on(&mut self) -> Result<bool, Error> {
         if !self.raw.map_or_else(|| self.images.has_next(), |raw| self.page + 1 < raw.images) {
             return Ok(false);

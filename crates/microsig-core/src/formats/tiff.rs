@@ -64,9 +64,6 @@ impl StackPlane {
 }
 
 /// Writes an image; `name` is the name of the output in errors.
-///
-/// # Errors
-/// [`Error::Io`] if writing fails.
 pub fn write(writer: impl Write + Seek, image: &Image, scale: &PixelScale, name: &str) -> Result<(), Error> {
     let written = TiffEncoder::new(writer)
         .and_then(|mut encoder| append(&mut encoder, image, scale, Some(&description(scale))));
@@ -137,9 +134,6 @@ fn malformed(name: &str, message: String) -> Error {
 }
 
 /// Width and height of the first image of a file, px.
-///
-/// # Errors
-/// [`Error::Malformed`] if the input is not a TIFF image.
 pub fn size(reader: impl BufRead + Seek, name: &str) -> Result<(u32, u32), Error> {
     let damaged = |e: TiffError| malformed(name, told(&e));
     Decoder::new(reader).map_err(damaged)?.dimensions().map_err(damaged)
@@ -147,9 +141,6 @@ pub fn size(reader: impl BufRead + Seek, name: &str) -> Result<(u32, u32), Error
 
 /// Reads the only gray image of a file, of the given size (width, height in px) and of 8 or 16 bit or of
 /// finite floating-point numbers, as counts, row by row; `name` is the name of the input in errors.
-///
-/// # Errors
-/// [`Error::Malformed`] if the input is not such an image.
 pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
     Ok(read_counts(reader, name, size)?.values().collect())
 }

@@ -63,9 +63,6 @@ pub trait Render: Debug + Send + Sync {
     fn description(&self) -> Description;
 
     /// Checks that this particle can be drawn, and returns a warning about its image, if any.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] with the reason.
     fn check(&self, particle: &Particle) -> Result<Option<String>, Error>;
 
     /// A warning about all images with these settings, if any.

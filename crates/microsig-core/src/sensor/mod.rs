@@ -98,9 +98,6 @@ impl Sensor {
 
     /// The sensor with these settings and the signal chain of a camera, whose fixed pattern is drawn from
     /// `streams`.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if a value of the detector is out of range.
     pub fn with_detector(settings: &Settings, detector: Detector, streams: &Streams) -> Result<Self, Error> {
         detector.validate(settings)?;
         let pattern = FixedPattern::new(&detector, settings, streams);

@@ -61,9 +61,6 @@ pub struct ScanImage {
 impl DepthScan {
     /// Scans a sphere of diameter `d_um` through a range of physical depths (um); `draw` builds the renderer
     /// for a sensor.
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn measure(
         draw: impl Fn(&Settings) -> Result<Renderer, Error>,
         settings: &Settings,

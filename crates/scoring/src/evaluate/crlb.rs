@@ -219,9 +219,6 @@ const COMPARED_PX: usize = 10_000_000;
 impl DepthBounds {
     /// The bounds of a particle of diameter `d_um` (um), with the brightness and illumination typical of the scenario, at
     /// depths in ascending order (um).
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
     pub fn of(scenario: &Scenario, d_um: f64, depths_um: &[f64]) -> Result<Self> {
         let mut noise: Vec<(f64, Vec<Noise>)> = Vec::new();
         for z_um in depths_um {

@@ -78,9 +78,6 @@ pub fn optimal(truth: &TrackSet, result: &TrackSet, gate: &Gate, cost: Cost) -> 
 
 /// A2: in each frame, repeatedly takes the pair nearest in the image plane among those that the gate admits.
 /// DefocusTracker's `compare_true` does this with a closed box as gate.
-///
-/// # Errors
-/// As [`optimal`].
 pub fn greedy(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Result<Matching> {
     let mut matching = Matching::empty(truth, result);
     for (frame, t, r) in side_by_side(truth, result) {

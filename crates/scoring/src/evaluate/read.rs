@@ -100,9 +100,6 @@ impl Truth {
     }
 
     /// The particles (or `fields`) of a dataset in memory.
-    ///
-    /// # Errors
-    /// A dataset without fields.
     pub fn of_memory(
         made: &MemoryDataset,
         is_field: bool,

@@ -41,9 +41,6 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
 }
 
 /// Reads null as infinity, which JSON cannot represent.
-///
-/// # Errors
-/// A value that is neither a number nor null.
 pub(super) fn or_infinite<'de, D: Deserializer<'de>>(source: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(source)?.unwrap_or(f64::INFINITY))
 }

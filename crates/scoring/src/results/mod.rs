@@ -156,9 +156,6 @@ impl Source {
     }
 
     /// The format, detected unless `given`.
-    ///
-    /// # Errors
-    /// An unknown format.
     pub fn format(&self, given: &Conventions) -> Result<Format> {
         match (given.format, self) {
             (Some(format), _) => Ok(format),

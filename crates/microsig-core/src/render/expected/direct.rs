@@ -30,7 +30,7 @@ pub(super) struct DirectImage {
 }
 
 impl DirectImage {
-    /// The image of a sphere within `farthest_px` of its center along both axes. Its error is that of
+    /// The image of a sphere within `farthest_px` of its center along both axes. Its error comes from
     /// quadrature and nodes, without verification; the derivative with respect to depth is zero unless
     /// asked for.
     pub(super) fn new(

@@ -103,9 +103,6 @@ impl ExpectedRenderer {
     }
 
     /// The same using the given instruction set; all give the same images.
-    ///
-    /// # Errors
-    /// As [`ExpectedRenderer::new`].
     pub fn on(
         instructions: InstructionSet,
         settings: &Settings,

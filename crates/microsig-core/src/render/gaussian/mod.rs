@@ -49,9 +49,6 @@ pub struct GaussianRenderer {
 
 impl GaussianRenderer {
     /// A renderer for these settings.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if a value is out of range.
     pub fn new(settings: &Settings, spot: GaussianSpot) -> Result<Self, Error> {
         settings.validate()?;
         let mut faults = Vec::new();

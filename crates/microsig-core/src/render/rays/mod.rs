@@ -70,9 +70,6 @@ pub struct Scratch {
 
 impl RayRenderer {
     /// A renderer for these settings.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if a setting is out of range.
     pub fn new(settings: &Settings, law: SpheroidLaw) -> Result<Self, Error> {
         settings.validate()?;
         let system = OpticalSystem::new(settings);

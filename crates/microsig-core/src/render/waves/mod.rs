@@ -110,9 +110,6 @@ impl WavesRenderer {
     }
 
     /// [`WavesRenderer::new`] with a given instruction set; all give the same images.
-    ///
-    /// # Errors
-    /// As for [`WavesRenderer::new`].
     pub fn on(
         instructions: InstructionSet,
         settings: &Settings,

@@ -156,9 +156,6 @@ pub(super) fn index(axis: &[f64], v: f64) -> usize {
 }
 
 /// The true field of a bare table.
-///
-/// # Errors
-/// A file that is not a field.
 pub(in super::super) fn bare(path: &Path) -> Result<TrueFields> {
     let field = read_field(path, &Conventions::default())?;
     let fields = vec![(None, TrueField::new(&field.vectors))];
@@ -349,17 +346,11 @@ impl Source<'_> {
 }
 
 /// The true fields in a dataset's folder, as [`of_rows`].
-///
-/// # Errors
-/// A dataset without a true field; a malformed table.
 pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
     of_recording(dataset, RecordingFacts::read(dataset)?, plane_um)
 }
 
 /// [`of_dataset`] of a folder, or of a dataset in memory.
-///
-/// # Errors
-/// As [`of_dataset`].
 pub fn of_place(dataset: &DatasetPlace) -> Result<TrueFields> {
     match dataset {
         DatasetPlace::Folder(folder) => {
@@ -370,9 +361,6 @@ pub fn of_place(dataset: &DatasetPlace) -> Result<TrueFields> {
 }
 
 /// The true fields of a dataset in memory, as [`of_rows`], with its flow.
-///
-/// # Errors
-/// A dataset without a true field.
 pub fn of_memory(made: &MemoryDataset, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
     let what = "this dataset has no true displacement field; score particles";
     let rows = made.field()?.ok_or_else(|| Error::input(what))?;
@@ -415,9 +403,6 @@ pub(in super::super) fn of_recording(
 ///
 /// If all depths are equally sharp, correlation measures their average, so the depth-weighted truth is the
 /// main one.
-///
-/// # Errors
-/// A plane that is masked everywhere; a malformed table.
 pub fn of_rows(rows: Source<'_>, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
     let middle = facts.depth_um.map(|(low, high)| f64::midpoint(low, high)).filter(|_| facts.is_all_in_focus);
     let chosen = choose(rows, plane_um, facts.focus_um.or(middle).unwrap_or(0.0))?;
