@@ -26,7 +26,6 @@ pub fn unzip(path: &Path) -> anyhow::Result<Files> {
     Ok(files)
 }
 
-/// A true particle.
 #[derive(Debug, Clone, Copy)]
 struct Particle {
     frame: u32,

@@ -46,7 +46,6 @@ fn score(dataset: &Path, result: &Path) -> Value {
     json(&["evaluate", path(dataset), path(result)])
 }
 
-/// Files of an archive.
 fn unpacked(archive: &Path) -> Vec<(String, Vec<u8>)> {
     let mut zip = zip::ZipArchive::new(File::open(archive).unwrap()).unwrap();
     let files = zip.len();

@@ -14,7 +14,6 @@ fn output(name: &str, folder: &Path) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The numbers in a line.
 fn numbers(line: &str) -> Vec<f64> {
     let ends = |c: char| c.is_whitespace() || ",:".contains(c);
     line.split(ends).filter_map(|word| word.parse().ok()).collect()

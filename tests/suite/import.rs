@@ -46,7 +46,6 @@ fn eight_bit(plane: &[u16]) -> Vec<u8> {
     plane.iter().map(|count| (count / 24).min(255) as u8).collect()
 }
 
-/// A file of 8-bit pages with a description.
 fn write_eight_bit(file: &Path, pages: &[Vec<u8>], description: &str) {
     let mut encoder = TiffEncoder::new(File::create(file).unwrap()).unwrap();
     for page in pages {
@@ -190,7 +189,6 @@ fn a_recording_of_other_programs_is_tracked_and_scored() {
     assert!(score["unknown"][0].as_str().unwrap().starts_with("links and tracks"), "{}", score["unknown"]);
 }
 
-/// The optics of the scan.
 const OPTICS: &str = "(name: \"o\", optics: (preset: setting1, magnification: 10, numerical_aperture: 0.3, focal_length: 350, \
                       pixel_size: 6.45, gain: 0.13), particles: (number: count(1), diameter_um: constant(2)), \
                       motion: flow(field: poiseuille()), timing: pairs(count: 1), boundaries: (z_um: (-60, 40)))";

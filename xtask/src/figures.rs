@@ -10,7 +10,6 @@ use std::path::Path;
 
 use clap::ValueEnum;
 
-/// Kinds of figures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Kind {
     /// Figures 3 and 4 of Rossi (2020), into target/figures.

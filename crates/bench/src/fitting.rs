@@ -154,7 +154,6 @@ fn light(options: &FitOptions) -> Result<(WaveModel, f64)> {
     Ok((waves, diameter_um))
 }
 
-/// The options of a fit of a field.
 fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
     options.check()?;
     let (waves, diameter_um) = light(options)?;

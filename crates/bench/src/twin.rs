@@ -127,7 +127,6 @@ pub struct Twinned {
     pub warnings: Vec<String>,
 }
 
-/// The recording.
 struct Recorded {
     place: PathBuf,
     manifest: Manifest,
@@ -507,7 +506,6 @@ fn run(
     Ok(result)
 }
 
-/// The points of a result on the recording.
 fn found_points(result: &Path, recorded: &Recorded) -> Result<Vec<results::TrackRow>> {
     match results::read(InputFile::from(result), &Conventions::default().completed(&recorded.facts))? {
         TrackerResult::Points(points) => Ok(points.rows),

@@ -19,7 +19,6 @@ pub(super) struct Background {
 const BEYOND: f64 = 0.7;
 
 impl Background {
-    /// The background of all counts of all planes.
     pub(super) fn of(planes: &[Vec<u16>]) -> Background {
         let mut histogram = vec![0u64; 1 << 16];
         planes.iter().flatten().for_each(|&count| histogram[usize::from(count)] += 1);

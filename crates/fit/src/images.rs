@@ -97,12 +97,10 @@ impl Problem<'_> {
         [state.beads[bead].x + state.drift[0] * s, state.beads[bead].y + state.drift[1] * s]
     }
 
-    /// Edge of the windows, px.
     pub(super) fn edge_px(&self) -> usize {
         2 * self.windows.half + 1
     }
 
-    /// The images of a state.
     pub(super) fn renderer(&self, state: &State) -> Result<Imager> {
         self.imager(state, &state.microscope, self.accuracy.tolerance)
     }

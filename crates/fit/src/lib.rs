@@ -236,7 +236,6 @@ fn by_waves<'a>(
     Ok(Run { problem, state, derivatives, direction_margin: None, comparison: None })
 }
 
-/// Result and files of a fit.
 fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFiles> {
     if run.state.microscope.slope <= optics::LEAST_SLOPE {
         let edge_px = 2 * run.problem.windows.half + 1;

@@ -37,7 +37,6 @@ struct Pixel {
 }
 
 impl Problem<'_> {
-    /// The noise at a state.
     pub(super) fn noises(&self, state: &State) -> Result<Noises> {
         let imager = self.renderer(state)?;
         let windows: Vec<(usize, usize)> = self.used().collect();

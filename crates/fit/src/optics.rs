@@ -38,7 +38,6 @@ impl Given {
         NumberRange { key: "depth_factor", least: 0.01, most: 10.0, unit: "" };
 }
 
-/// The model of the microscope.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Microscope {
     pub(super) magnification: f64,

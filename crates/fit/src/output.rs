@@ -115,7 +115,6 @@ pub(super) fn layers(model: &WaveModel) -> String {
     })
 }
 
-/// The line `render` of a scenario.
 pub(super) fn render_line(model: &WaveModel) -> String {
     let (wavelength_um, emission) = (model.wavelength_um, model.emission.name());
     format!("    render: (mode: waves, wavelength_um: {wavelength_um:?}, emission: {emission}),\n")

@@ -183,7 +183,6 @@ impl Scan {
         levels
     }
 
-    /// Mean of the stage positions, um.
     pub(super) fn mean_stage_um(&self) -> f64 {
         self.stage_um.iter().sum::<f64>() / self.stage_um.len() as f64
     }

@@ -31,7 +31,6 @@ const MAX_STEPS: f64 = 10_000.0;
 /// Longest step, as a standard deviation in units of the length over which the force does the work kB T.
 const FORCED_STEP: f64 = 0.2;
 
-/// A place of a sphere.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     x: DVec3,

@@ -62,7 +62,6 @@ impl Aligned {
         [0, 1].map(|axis| self.middle[axis] as f64 + f64::from(self.shift[axis]))
     }
 
-    /// Number of depths.
     pub(crate) fn depths(&self) -> usize {
         self.splines.len()
     }

@@ -7,7 +7,6 @@ use storage::error::Result;
 use super::manifest::About;
 use super::stacks::Stacks;
 
-/// Writes the card.
 pub(crate) fn write(folder: &OutputFolder, about: &About<'_>) -> Result<()> {
     folder.save_bytes("README.md", text(about))
 }

@@ -13,7 +13,6 @@ use storage::{InputFile, OutputFolder};
 
 use super::frames::Frames;
 
-/// What is known.
 #[derive(Debug, Default)]
 pub(crate) struct Known {
     planes: Vec<PlaneRow>,
@@ -116,7 +115,6 @@ impl Known {
         }
     }
 
-    /// The facts for the manifest.
     pub(crate) fn facts(&self) -> KnownFacts {
         KnownFacts {
             planes: self.planes.len() as u32,
@@ -125,7 +123,6 @@ impl Known {
         }
     }
 
-    /// The tables that are written.
     pub(crate) fn tables(&self) -> Vec<Table> {
         vec![frame_table(), PlaneRow::table(&[]), self.particle_table()]
     }
@@ -134,7 +131,6 @@ impl Known {
         TrackRow::table(&[]).only(&self.columns).described("Known particles, one row per particle and frame.")
     }
 
-    /// Writes the tables into the folder.
     pub(crate) fn write(&self, folder: &OutputFolder, frames: &Frames, dt_s: Option<f64>) -> Result<()> {
         folder.subfolder("truth")?;
         let row = |frame: usize| FrameRow {

@@ -267,7 +267,6 @@ pub fn locate(scan: &Scan) -> Result<Vec<[f64; 2]>> {
     Ok(located.places.into_iter().map(|at| at.map(|at| at + 1.0)).collect())
 }
 
-/// The name of a folder.
 fn name(out: &Path) -> String {
     out.file_name().map_or_else(|| "recording".to_owned(), |name| name.to_string_lossy().into_owned())
 }

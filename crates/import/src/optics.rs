@@ -32,7 +32,6 @@ const LEAST: (f64, f64) = (0.6, 0.95);
 /// By how much the correlation of the other direction of the stage must be better for a warning.
 const REVERSED: f64 = 0.01;
 
-/// A scenario with the optics.
 pub(crate) struct Optics {
     scenario: Scenario,
     file: String,
@@ -56,7 +55,6 @@ pub(crate) struct Model {
 }
 
 impl Optics {
-    /// Reads the scenario.
     pub(crate) fn read(file: &InputFile, context: &Context) -> Result<Self> {
         Ok(Optics { scenario: scenario::load(file, &[], None, context)?, file: file.display().to_string() })
     }

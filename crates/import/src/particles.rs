@@ -21,7 +21,6 @@ const APART_PX: f64 = 1.5;
 /// Number of pixels at full scale at which a particle counts as saturated.
 const SATURATED_PIXELS: usize = 3;
 
-/// A particle of the scan.
 #[derive(Debug)]
 pub(crate) struct ScanParticle {
     /// Column and row of the middle pixel of its images, px from 0.

@@ -48,7 +48,6 @@ const BEYOND_PX: usize = 3;
 const LEAST_HALF: usize = 5;
 const LEAST_DEPTHS: usize = 5;
 
-/// The stack of a place.
 #[derive(Debug)]
 pub(crate) struct PlaceStack {
     pub(crate) place: PlaceFacts,
@@ -56,7 +55,6 @@ pub(crate) struct PlaceStack {
     pub(crate) images: Vec<GrayImage>,
 }
 
-/// The stacks of a recording.
 #[derive(Debug)]
 pub(crate) struct Stacks {
     pub(crate) depths_um: Vec<f64>,

@@ -14,7 +14,6 @@ fn keys(key: [u32; 2]) -> [[u32; 2]; 10] {
     })
 }
 
-/// One block.
 #[inline(always)]
 pub(crate) fn block(mut counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {
     for key in keys(key) {
@@ -30,7 +29,6 @@ pub(crate) fn block(mut counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {
     counter
 }
 
-/// Consecutive blocks.
 pub(crate) fn fill(counter: [u32; 4], key: [u32; 2], blocks: &mut [[u32; 4]]) {
     let arch = pulp::Arch::new();
     #[cfg(target_arch = "x86_64")]

@@ -160,7 +160,6 @@ impl Spec {
         optics.cylinder.map(|cylinder| (cylinder.growth(), optics.cyl_angle_deg))
     }
 
-    /// Whether walls slow the particles.
     pub(super) fn walls_slow(&self) -> bool {
         matches!(&self.motion, Motion::Flow(flow) if flow.walls == Walls::Hindered)
     }

@@ -78,7 +78,6 @@ impl FolderLock {
     }
 }
 
-/// Name of the lock of a folder.
 pub(crate) fn lock_name(folder: &OsStr) -> OsString {
     let mut lock = OsString::from(".");
     lock.push(folder);

@@ -57,7 +57,6 @@ pub(super) struct Agreement {
 }
 
 impl Agreement {
-    /// Adds a pixel with this weight, data and image.
     pub(super) fn add(&mut self, weight: f32, data: f32, image: f32) {
         self.own += f64::from(weight * image * image);
         self.both += f64::from(weight * image * data);

@@ -154,7 +154,6 @@ fn sorted(values: &[f32]) -> Vec<f32> {
     keys.into_iter().map(value).collect()
 }
 
-/// Adds a weighted row to another one.
 fn add(sums: &mut [f32], weight: f32, row: &[f32]) {
     sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
 }

@@ -141,7 +141,6 @@ impl<'a> Frame<'a> {
         groups
     }
 
-    /// Fits a group of particles with all other particles subtracted.
     fn fit(&mut self, particles: &mut [ParticleFit], group: &[usize]) {
         let start: Vec<ParticleFit> = group.iter().map(|&k| particles[k]).collect();
         let before: Vec<ImagePatch> = start.iter().map(|p| self.model.patch(p)).collect();

@@ -248,7 +248,6 @@ struct Localization {
     shape: Option<ShapeEstimate>,
 }
 
-/// The shape of a spheroid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct ShapeEstimate {
     /// Unit vector up to its sign (x right, y down, z away from the lens).

@@ -300,7 +300,6 @@ fn over_field([width, height]: [u32; 2], origin: &Origin, context: &Context) -> 
     Ok(Some(spec.build(&settings, context)?))
 }
 
-/// The renderer of the model.
 fn renderer(Origin { waves, over_field, .. }: &Origin, tolerance: f64) -> RendererSpec {
     let method = match waves.clone() {
         Some(optics) => RenderMethod::Waves { optics, tolerance },

@@ -20,7 +20,6 @@ pub(super) struct Row {
     pub(super) shape: Option<ShapeEstimate>,
 }
 
-/// A displacement vector of a result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct DisplacementVector {
     /// Center of its interrogation window, relative to the center of the first pixel, px.
@@ -52,7 +51,6 @@ impl Output {
         }
     }
 
-    /// The table.
     pub(super) fn columns(&self) -> Columns {
         let whole = |name: &str, values: Vec<i64>| (name.to_owned(), Values::Whole(values));
         let numbers = |name: &str, values: Vec<f64>| (name.to_owned(), Values::Numbers(values));

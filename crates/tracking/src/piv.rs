@@ -71,7 +71,6 @@ const OUTLIER: f32 = 2.0;
 /// Noise level (epsilon) of the normalized median test, px.
 const ACCEPTED_NOISE_PX: f32 = 0.1;
 
-/// Vectors on a grid of windows.
 #[derive(Debug, Clone)]
 struct VectorGrid {
     columns: usize,

@@ -6,7 +6,6 @@ use generator::runner::DatasetPlace;
 use storage::dataset::manifest::RECORDING;
 use storage::error::Result;
 
-/// Noise of a recording.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RecordedNoise {
     /// Noise of a frame; `None` for the light if the scan did not show it.

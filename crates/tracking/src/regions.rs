@@ -11,7 +11,6 @@ use super::search::Search;
 /// Two particles closer than this, found by two places at the border between them, are one, px.
 const SAME_PLACE_PX: f64 = 3.0;
 
-/// Searches a binned frame with the templates of each place.
 pub(super) fn search(
     templates: &[MapTemplates],
     places: &FieldPlaces,

@@ -57,7 +57,6 @@ pub(super) struct Pose {
     pub(super) brightness: f64,
 }
 
-/// A fitted spheroid.
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
     state: State,

@@ -67,7 +67,6 @@ fn of_particles(in_focus: bool) -> String {
 }
 
 impl Publication {
-    /// Version of the challenge.
     pub(super) fn version(&self) -> &str {
         self.version.as_deref().unwrap_or("1.0.0")
     }
@@ -282,13 +281,11 @@ impl ReleaseTexts<'_> {
         )
     }
 
-    /// `LICENSE`.
     pub(super) fn license_text(&self) -> String {
         let ReleaseTexts { title, version, license, .. } = self;
         license.text(&format!("{title}, version {version}, by {},", self.creators.join("; ")))
     }
 
-    /// `CITATION.cff`.
     pub(super) fn citation(&self) -> String {
         // A JSON string is a valid YAML string.
         let quoted = |text: &str| Value::from(text).to_string();
@@ -317,7 +314,6 @@ impl ReleaseTexts<'_> {
         )
     }
 
-    /// `.zenodo.json`.
     pub(super) fn zenodo(&self) -> String {
         let creators: Vec<Value> = self.creators.iter().map(|name| json!({ "name": name })).collect();
         let zenodo = json!({

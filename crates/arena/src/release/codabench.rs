@@ -101,7 +101,6 @@ pub(super) fn write(
     bundle.zip("", withheld, BUNDLE)
 }
 
-/// `competition.yaml`.
 fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
     // A JSON string is a valid YAML string.
     let quoted = |text: &str| Value::from(text).to_string();

@@ -36,7 +36,6 @@ impl Deadline {
         self.0.checked_add_days(Days::new(1)).unwrap_or(self.0).and_time(noon).and_utc()
     }
 
-    /// Whether it is over.
     pub(crate) fn has_passed(self, now: SystemTime) -> bool {
         DateTime::<Utc>::from(now) >= self.end()
     }

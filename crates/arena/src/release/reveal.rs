@@ -115,7 +115,6 @@ pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     Ok(Revealed { out: options.out.clone(), name, deadline, commitment, warning })
 }
 
-/// `README.md`.
 fn readme(name: &str, archive: &str, commitment: &str) -> String {
     format!(
         "# {name}: truth of the test split\n\n\

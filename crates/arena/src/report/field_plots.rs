@@ -9,7 +9,6 @@ use scoring::evaluate::field::{ComparedVector, FieldErrors, SpectralPoint, Spect
 use scoring::evaluate::statistics::quantile;
 use storage::error::Result;
 
-/// Caption of the map of errors.
 const FIELD_MAP: &str = "RMS error in the image plane over the sensor; cells without particles are empty.";
 
 /// All plots of a scored field. `with_true_positions`: including the map of true and measured vectors.

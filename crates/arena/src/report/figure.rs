@@ -7,7 +7,6 @@ use scoring::evaluate::statistics::{Errors, quantile};
 use scoring::evaluate::uncertainty::Uncertainty;
 use storage::error::Result;
 
-/// A plot with its caption.
 pub(super) fn figure(svg: String, caption: &str) -> Markup {
     figure_of(svg, &[], caption)
 }

@@ -135,7 +135,6 @@ mod tests {
 
     use super::*;
 
-    /// Paths of all numbers.
     fn numbers(path: &str, value: &Value, found: &mut BTreeMap<String, f64>) {
         match value {
             Value::Number(number) => found.extend([(path.to_owned(), number.as_f64().unwrap())]),

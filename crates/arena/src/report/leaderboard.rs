@@ -59,7 +59,6 @@ pub struct Entry {
     group: String,
 }
 
-/// Writes the scores by name.
 fn by_name<S: Serializer>(scores: &[(Option<f64>, Interval)], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(SCORES.iter().zip(scores).map(|(def, (value, _))| (def.name, value)))
 }
@@ -138,7 +137,6 @@ impl Entry {
         }
     }
 
-    /// A score by its place in [`SCORES`].
     pub(super) fn score(&self, index: usize) -> (Option<f64>, Interval) {
         self.scores.get(index).copied().unwrap_or_default()
     }

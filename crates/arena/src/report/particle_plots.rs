@@ -215,7 +215,6 @@ fn size_px(of: &Particles) -> (f64, f64) {
     of.sensor_px.unwrap_or_else(|| (extent(|p| p.at.x_px), extent(|p| p.at.y_px)))
 }
 
-/// Map of the error over the sensor.
 fn error_over_sensor(of: &Particles) -> Result<Option<Markup>> {
     let (t, r) = (&of.scored.truth, &of.scored.result);
 

@@ -494,7 +494,6 @@ fn digits(value: f64) -> String {
     format!("{value:.places$}")
 }
 
-/// Map of marks on the sensor.
 pub(super) fn sensor(labels: &AxisLabels<'_>, size_px: (f64, f64), marks: &Marks) -> Result<String> {
     let aspect = (size_px.1 / size_px.0).clamp(0.3, 1.5);
     let size = (SIZE.0, (f64::from(SIZE.0 - 100) * aspect) as u32 + 70);

@@ -227,7 +227,6 @@ impl<'a> Sweep<'a> {
         format!("{} = {}", short_key(key, self.keys).replace('_', " "), axis_text(value))
     }
 
-    /// The figures for scores that have a value.
     fn layouts(&self, has: impl Fn(Scored<'_>) -> bool) -> Vec<Layout<'a>> {
         let order = |keys: &[&str], s: Scored<'a>| {
             let of = |key: &&str| order_of_axes(s.0.axes.get_key_value(*key).into_iter());

@@ -389,7 +389,6 @@ fn particles(out: &mut String, score: &Score) {
     }
 }
 
-/// Scores of links and tracks.
 fn tracks(out: &mut String, score: &Score) {
     let n = number;
     if let Some(l) = &score.links {

@@ -291,7 +291,6 @@ impl CaseResult {
     }
 }
 
-/// The folders of a folder, sorted.
 fn folders(folder: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {

@@ -29,7 +29,6 @@ pub struct Annotations {
 }
 
 impl Annotations {
-    /// The name of a tracker on the page.
     fn name<'a>(&'a self, tracker: &'a str) -> &'a str {
         self.names.get(tracker).map_or(tracker, String::as_str)
     }
@@ -114,7 +113,6 @@ fn time(tracker: &str, cases: &[&CaseScores], more: &Annotations) -> String {
     times.get(times.len() / 2).map_or_else(|| "-".to_owned(), |t| format!("{t:.3}"))
 }
 
-/// The results of a case.
 fn table(case: &CaseScores, more: &Annotations) -> Markup {
     let axes: Vec<String> = case.axes.iter().map(|a| format!("{} = {}", a.label, a.shown)).collect();
     let others: Vec<Metric> = ScoreDef::metrics()

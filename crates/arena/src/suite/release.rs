@@ -118,7 +118,6 @@ pub fn release(
     Ok(released)
 }
 
-/// The options for the challenge of a case.
 fn of_case(suite: &Suite, case: &SuiteCase, options: &SuiteReleaseOptions) -> Result<ReleaseOptions> {
     let out = options.out.join(case.folder());
     let above = out.parent().unwrap_or(&options.out);

@@ -72,7 +72,6 @@ impl Site {
         Ok(())
     }
 
-    /// Paths of the reports.
     pub(super) fn reports(&self) -> &BTreeSet<String> {
         &self.reports
     }

@@ -15,7 +15,6 @@ use generator::runner::DatasetPlace;
 use storage::dataset::{BoxRow, FrameRow, Row, read_rows};
 use storage::error::{Error, Result};
 
-/// The boxes of all frames.
 #[derive(Debug)]
 pub(super) struct Boxes {
     name: String,
@@ -27,7 +26,6 @@ pub(super) struct Boxes {
 }
 
 impl Boxes {
-    /// Reads the boxes of a dataset.
     pub(super) fn read(dataset: &DatasetPlace) -> Result<Self> {
         let (facts, path) = (dataset.facts()?, dataset.shown(BoxRow::PATH));
         let missing =

@@ -31,7 +31,6 @@ pub(super) struct Spots {
 }
 
 impl Spots {
-    /// Reads the truth of a dataset.
     pub(super) fn read(dataset: &DatasetPlace) -> Result<Self> {
         let truth = TrueParticles::of_place(dataset)?;
         let mut spots: Vec<Spot> = (truth.rows.iter().zip(&truth.sizes).enumerate())

@@ -133,7 +133,6 @@ fn best_and_mean(bounds: &DepthBounds, of: fn(&PositionBound) -> Option<f64>) ->
     [&bounds.best, &bounds.mean].map(|bound| shown_bound(of(bound))).join(", ")
 }
 
-/// The depths at which z is determined.
 fn determined(bounds: &DepthBounds) -> String {
     if bounds.determined_um.is_empty() {
         return "nowhere".to_owned();

@@ -8,7 +8,6 @@ use scenario::number;
 use scoring::ranking::{SCORES, ScoreDef};
 use storage::error::Result;
 
-/// Columns of the leaderboard.
 fn columns() -> impl Iterator<Item = &'static ScoreDef> {
     SCORES.iter().filter(|def| !def.path.is_empty())
 }

@@ -25,7 +25,6 @@ const MAX_IMAGE: u64 = 1 << 26;
 /// Maximum number of vectors in a response.
 const MAX_VECTORS: usize = 20_000;
 
-/// An open dataset.
 #[derive(Debug)]
 pub(super) struct OpenDataset {
     folder: PathBuf,
@@ -90,7 +89,6 @@ impl OpenDataset {
         })
     }
 
-    /// Number of frames.
     pub(super) fn frames(&self) -> usize {
         self.images.len()
     }

@@ -144,7 +144,6 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     Ok((included, left_out))
 }
 
-/// The data of the first dataset and its results for one frame.
 fn of_frame(app: &App, open: &OpenDataset, frame: u32, are_pairs: bool) -> Result<Answers> {
     let mut answers = Answers::default();
     let counts = open.counts(frame as usize)?.unwrap_or_default();

@@ -26,7 +26,6 @@ use storage::error::Result;
 /// Maximum number of points in a list.
 const MAX_LIST: usize = 500;
 
-/// An open result.
 #[derive(Debug)]
 pub(super) struct OpenResult {
     pub(super) score: Score,
@@ -39,7 +38,6 @@ pub(super) struct OpenResult {
     vectors: Vec<[f64; 7]>,
 }
 
-/// Outcome of a scored point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PointOutcome {
     Found,
@@ -47,7 +45,6 @@ enum PointOutcome {
     Ghost,
 }
 
-/// A scored point.
 #[derive(Debug, Clone, Copy)]
 struct Point {
     frame: u32,

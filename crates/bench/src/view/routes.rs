@@ -54,7 +54,6 @@ pub(super) async fn index() -> Response {
     page("index.html")
 }
 
-/// A file of the page.
 fn page(name: &str) -> Response {
     match assets::file(name) {
         Some((bytes, kind)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
@@ -62,7 +61,6 @@ fn page(name: &str) -> Response {
     }
 }
 
-/// A response with a value as JSON.
 fn json_response(value: &Value) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
 }

@@ -49,7 +49,6 @@ impl Files<'_> {
         Settings { gain: significant(self.light.0 / rays / self.counts_per_e()), ..settings }
     }
 
-    /// The scenario.
     pub(super) fn scenario(&self) -> String {
         let Files { fitted, options, .. } = self;
         let FieldFit { field, blur_um, depths_um: [low, high], noise, background, .. } = fitted;

@@ -61,7 +61,6 @@ pub(super) fn direction(direction_rad: f64) -> DVec3 {
     DVec3::new(cos, sin, 0.0)
 }
 
-/// The velocity of `speed` along `direction`.
 pub(super) fn along<S: Real>(direction: DVec3, speed: S) -> [S; 3] {
     [speed * direction.x, speed * direction.y, speed * direction.z]
 }

@@ -21,7 +21,6 @@ fn wrong(found: impl Into<String>, expected: &str) -> Error {
     fault(FORMAT, None, found.into(), expected)
 }
 
-/// An array of the file.
 #[derive(Debug, Default)]
 struct DataArray {
     name: String,
@@ -33,7 +32,6 @@ struct DataArray {
     text: String,
 }
 
-/// The header of a file.
 #[derive(Debug, Default)]
 struct Header {
     grid: String,
@@ -228,7 +226,6 @@ impl Header {
         Ok((origin, spacing))
     }
 
-    /// The numbers of an array.
     fn values(&self, array: &DataArray, n: usize, appended: &[u8]) -> Result<Vec<f64>> {
         let name = &array.name;
         let size = match array.kind.as_str() {
@@ -280,7 +277,6 @@ impl Header {
         if self.has_long_sizes { 8 } else { 4 }
     }
 
-    /// The sizes at the beginning of data.
     fn size(&self, data: &[u8], k: usize) -> Option<usize> {
         let bytes = data.get(k * self.word()..(k + 1) * self.word())?;
         let fold = |bits: u64, byte: &u8| bits << 8 | u64::from(*byte);

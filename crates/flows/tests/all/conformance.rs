@@ -55,7 +55,6 @@ impl Case {
         }
     }
 
-    /// The worst value over the samples.
     fn over_samples(&self, value: impl Fn(DVec3, f64) -> f64) -> f64 {
         worst(self.samples.iter().map(|(x, t)| value(*x, *t)))
     }

@@ -170,7 +170,6 @@ fn of_size(size: &SizeFacts) -> String {
     format!("| images of {d_um} um over depth | peaks of {low:.1} to {high:.1} counts{snr}{focus} |\n")
 }
 
-/// Numbers in a sentence.
 fn joined(numbers: &[f64]) -> String {
     let texts: Vec<String> = numbers.iter().map(f64::to_string).collect();
     texts.split_last().map_or_else(String::new, |(last, others)| format!("{} and {last}", others.join(", ")))
@@ -181,7 +180,6 @@ fn thousandths(number: f64) -> f64 {
     (number * 1000.0).round() / 1000.0
 }
 
-/// Describes the frames.
 fn frames(scenario: &Scenario) -> String {
     match scenario.recordings.timing() {
         Timing::Pairs(p) => {

@@ -86,7 +86,6 @@ pub fn license(License { id, title, url }: License) -> LicenseEntry {
     LicenseEntry { name: id.to_owned(), title: title.to_owned(), path: url.to_owned() }
 }
 
-/// Bit depth of the images.
 pub(crate) fn bit_depth(scenario: &Scenario) -> u8 {
     match scenario.spec.image_format() {
         ImageFormat::Integer => scenario.detector.as_ref().map_or(16, |d| d.bits),

@@ -164,7 +164,6 @@ fn saturated_fraction(image: &Image, end_counts: f64) -> f64 {
     image.counts.values().filter(|count| *count >= last).count() as f64 / image.counts.len().max(1) as f64
 }
 
-/// The next batch of frames.
 fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
     let threads = rayon::current_num_threads();
     let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * threads);

@@ -14,7 +14,6 @@ enum Subject<'a> {
     Tracks(&'a RecordedTracks),
 }
 
-/// A recording in progress.
 enum Recording<'a> {
     OfScene(Box<Sequence<'a>>),
     OfTracks(Box<dyn Iterator<Item = Frame> + Send + 'a>),

@@ -86,7 +86,6 @@ impl Distribution {
         }
     }
 
-    /// Number of values.
     pub(super) fn count(&self) -> u64 {
         match self {
             Distribution::Uniform { .. } | Distribution::LogUniform { .. } => u64::MAX,

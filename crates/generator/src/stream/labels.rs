@@ -69,7 +69,6 @@ impl Default for LabelOptions {
 }
 
 impl LabelOptions {
-    /// Whether images of single particles are needed.
     pub(super) fn needs_single_images(&self) -> bool {
         self.boxes || self.instances || self.depth
     }
@@ -153,7 +152,6 @@ pub(super) struct FirstFrame<'a> {
     pub(super) sensor: &'a Sensor,
 }
 
-/// Adds the labels of the first frame.
 pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample: &mut Sample) {
     let settings = &shot.scenario.settings;
     let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
@@ -192,7 +190,6 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample:
     }
 }
 
-/// The visible particles.
 fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
     let scale = &shot.scenario.scale;
     let is_linked = |next: &&Frame| shot.scenario.recordings.link_to(next.index).is_some();

@@ -18,7 +18,6 @@ const WHITE_IS_ZERO: u64 = 0;
 const BLACK_IS_ZERO: u64 = 1;
 const PALETTE: u64 = 3;
 
-/// The images of a file.
 pub(super) struct GrayImages<R: Read + Seek> {
     decoder: Decoder<Patched<R>>,
     index: usize,
@@ -28,7 +27,6 @@ pub(super) struct GrayImages<R: Read + Seek> {
     packed: Option<(u8, u32)>,
 }
 
-/// The numbers of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Numbers {
     /// Unsigned, of this number of bits.

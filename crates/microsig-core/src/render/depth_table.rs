@@ -48,7 +48,6 @@ pub struct DepthTable<L> {
     pub(super) error: f64,
 }
 
-/// A plane with its interpolation weight.
 pub(super) struct WeightedPlane<'a> {
     pub(super) weight: f64,
     /// Derivative of the weight with respect to depth, 1/um.
@@ -94,7 +93,6 @@ impl<L: PlaneLayout> DepthTable<L> {
         }
     }
 
-    /// Its memory.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(self.coefficients.as_slice())
     }

@@ -40,7 +40,6 @@ impl FieldNodes {
         (self.degree + 1) * (self.degree + 2) / 2
     }
 
-    /// The places, px.
     pub(super) fn places_px(&self) -> Vec<[f64; 2]> {
         padua(self.degree).into_iter().map(|at| self.in_px(at)).collect()
     }

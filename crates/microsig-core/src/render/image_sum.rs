@@ -104,7 +104,6 @@ impl<'p> ImageSum<'p> {
         light
     }
 
-    /// The image that a sensor records.
     pub(super) fn exposed(&self, sensor: &Sensor, random: ImageStreams<'_>) -> Image {
         let columns = self.columns as usize;
         let size = (self.columns, self.rows);

@@ -206,7 +206,6 @@ impl Refinement {
     }
 }
 
-/// The planes of a table.
 pub(super) struct RefinedPlanes {
     pub(super) depths: PlaneDepths,
     /// Radii of the spheres, um.
@@ -217,7 +216,6 @@ pub(super) struct RefinedPlanes {
     pub(super) error: f64,
 }
 
-/// The largest value.
 pub(super) fn peak(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::MIN_POSITIVE, f64::max)
 }

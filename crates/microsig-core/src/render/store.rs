@@ -22,7 +22,7 @@ pub trait TableStore: Debug + Send + Sync {
         let _ = tables;
     }
 
-    /// One of them is there.
+    /// A table was built.
     fn made(&self) {}
 }
 

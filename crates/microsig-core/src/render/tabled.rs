@@ -310,7 +310,6 @@ impl<M: ImageModel> TabledRenderer<M> {
         image
     }
 
-    /// Adds sources to a band in the given order.
     fn add(&self, sources: &[Source], images: &[ImageSource<M::Layout>], band: ImageBand<'_>) {
         self.instructions.dispatch(Draw { renderer: self, sources, images, band });
     }

@@ -24,7 +24,6 @@ pub fn schema_of<T: JsonSchema>() -> Value {
     root
 }
 
-/// Completes a schema and all schemas in it.
 fn complete(schema: &mut Value) {
     let Some(schema) = schema.as_object_mut() else {
         if let Some(items) = schema.as_array_mut() {

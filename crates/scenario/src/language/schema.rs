@@ -340,7 +340,6 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// A path extended by one step.
 pub(crate) fn joined(path: &str, step: &str) -> String {
     if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }

@@ -43,7 +43,6 @@ struct TrueBox {
     ignored: bool,
 }
 
-/// The boxes of a frame.
 #[derive(Debug, Default)]
 struct FrameBoxes {
     /// Scored ones first.

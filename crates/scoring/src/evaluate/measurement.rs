@@ -92,7 +92,6 @@ pub fn limits(dataset: &Path, facts: &RecordingFacts) -> Result<Limits> {
     Ok(if sizes.is_empty() { Limits::default() } else { TableSize::limits(&sizes, facts) })
 }
 
-/// Size of a table of the truth.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct TableSize {
     pub(super) bytes: u64,

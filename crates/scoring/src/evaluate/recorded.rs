@@ -89,7 +89,6 @@ fn without_positions(truth: &Truth, points: &Points, options: &EvaluateOptions) 
     Evaluation { score, ..Evaluation::default() }
 }
 
-/// Leaves out the scores of links and tracks.
 fn leave_out_tracks(score: &mut Score) {
     (score.isbi, score.isbi_2d, score.hota, score.clear) = (None, None, None, None);
     (score.identity, score.ctc, score.links, score.lpt) = (None, None, None, None);

@@ -102,7 +102,6 @@ impl Units {
         self.of_truth[point]
     }
 
-    /// The unit of a result point.
     pub(super) fn of_result(&self, point: usize) -> u32 {
         self.of_result[point]
     }

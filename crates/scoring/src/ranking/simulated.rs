@@ -83,7 +83,6 @@ fn truth(tracks: u32, frames: u32) -> TrueParticles {
     truth
 }
 
-/// The result of a tracker.
 fn result(truth: &TrueParticles, skill: &Skill, random: &mut Random) -> Points {
     let frames = truth.rows.last().unwrap().frame + 1;
     let tracks = truth.rows.len() as u32 / frames;
@@ -135,7 +134,6 @@ fn scored(truth: &TrueParticles, points: &Points) -> Evaluation {
     particles(truth, points, &EvaluateOptions::default()).unwrap()
 }
 
-/// All scores with an interval, by path.
 fn with_intervals(path: &str, value: &Value, found: &mut BTreeMap<String, (f64, [f64; 2])>) {
     let Some(fields) = value.as_object() else { return };
     let ends = |value: &Value| Some([value.get(0)?.as_f64()?, value.get(1)?.as_f64()?]);

@@ -123,7 +123,6 @@ impl<'a> Cells<'a> {
         format!("{:?}", self.number(a)) == format!("{:?}", self.number(b))
     }
 
-    /// The name of a column.
     pub(super) fn name(&self, column: usize) -> &str {
         &self.header[column]
     }

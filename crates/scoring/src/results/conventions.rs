@@ -195,7 +195,6 @@ impl Conventions {
         wrong
     }
 
-    /// The shift in words.
     pub(super) fn shifted(&self) -> String {
         let [x, y] = self.shift_px;
         if [x, y] == [0.0; 2] { String::new() } else { format!("; shifted by ({x}, {y}) px") }

@@ -79,7 +79,6 @@ pub(super) fn layout(
     Ok(layout)
 }
 
-/// The number after a word.
 fn number_after(text: &str, word: &str) -> Option<f64> {
     let text = text.split_once(word)?.1.split([',', '\n', '\r']).next()?;
     text.trim().parse().ok().filter(|number: &f64| number.is_finite())

@@ -234,12 +234,10 @@ impl TextTable {
         }
     }
 
-    /// Name for messages.
     pub(super) fn name(&self) -> &str {
         &self.name
     }
 
-    /// Names of the columns.
     pub(super) fn names(&self) -> &[String] {
         &self.header
     }
@@ -493,7 +491,6 @@ fn split(line: &[u8], delimiter: u8, record: &mut ByteRecord) {
     }
 }
 
-/// The names of the columns in a header.
 pub(super) fn names(header: &[u8], delimiter: u8) -> Vec<String> {
     let mut fields = ByteRecord::new();
     split(header, delimiter, &mut fields);
@@ -501,7 +498,6 @@ pub(super) fn names(header: &[u8], delimiter: u8) -> Vec<String> {
     fields.iter().map(name).filter(|name| delimiter != b' ' || !name.is_empty()).collect()
 }
 
-/// Shortens a list of problems.
 pub(crate) fn shorten(problems: &mut Vec<String>) {
     if problems.len() > LISTED {
         let rest = problems.len() - LISTED;

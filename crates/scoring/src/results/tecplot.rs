@@ -133,7 +133,6 @@ pub(super) fn points(path: &InputFile, given: &Conventions) -> Result<Points> {
     })
 }
 
-/// Reads a field.
 pub(super) fn field(path: &InputFile, given: &Conventions) -> Result<Field> {
     let table = Table::open(path, given)?;
     let is_pivlab = table.header.contains("PIVlab");

@@ -101,7 +101,6 @@ impl Text {
         Ok(head)
     }
 
-    /// Whether the file is in UTF-16.
     pub(super) fn is_utf16(&self) -> bool {
         self.encoding != Encoding::Utf8
     }

@@ -136,7 +136,6 @@ pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Option<(Table, Vec<F
     Some((table(&nodes), pairs(scenario, field, &nodes, stack).flatten().collect()))
 }
 
-/// The rows of each pair.
 fn pairs<'a>(
     scenario: &'a Scenario,
     field: &'a dyn VelocityField,

@@ -187,7 +187,6 @@ impl<'a> Truth<'a> {
         })
     }
 
-    /// The row of frames.csv.
     fn summary(&self, frame: &Frame, energy: f64, (shining, visible): (usize, usize)) -> FrameRow {
         let recordings = &self.scenario.recordings;
         let [particles, image] = frame_paths(recordings, frame.index);
@@ -204,7 +203,6 @@ impl<'a> Truth<'a> {
         }
     }
 
-    /// A row of tracks.csv.
     fn track(&self, frame: &Frame, sight: &Sight, midway: Option<DVec3>, seen: &Visibility) -> TrackRow {
         let Sight { tracer, particle, visible, ref rows, light } = *sight;
         let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
@@ -282,7 +280,6 @@ impl<'a> Truth<'a> {
         Ok(Some(scene.velocity_at_mid_time(tracer, frame.t_s, next_s)?))
     }
 
-    /// The rows of displacements.csv.
     fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Vec<DisplacementRow> {
         let links: Vec<_> = a.links(b).collect();
         let links = links.into_par_iter().with_min_len(TRACERS_PER_TASK);

@@ -45,7 +45,6 @@ pub fn rendered(scenario: &Scenario, renderer: &Renderer, frame: &Frame) -> Vec<
 }
 
 impl Viewer<'_> {
-    /// The particles of a frame.
     pub(crate) fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
         let mut sights = Vec::with_capacity(frame.tracers.len());
         let (energy, rendered) = self.each(frame, |sight| sights.push(sight));

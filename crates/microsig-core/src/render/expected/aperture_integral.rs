@@ -248,7 +248,6 @@ impl PupilSampling {
         }
     }
 
-    /// Number of cells in a ring.
     fn cells_in_ring(&self, ring: &PupilRing) -> usize {
         let ring_cells = libm::ceil(ring.radius_px() * self.turn / self.part_px) as usize;
         ring_cells.max(2 * self.sectors)

@@ -19,7 +19,6 @@ pub(super) struct RayFan {
     directions: Vec<Direction>,
 }
 
-/// One direction of the fan.
 #[derive(Debug, Clone, Copy)]
 struct Direction {
     components: [f32; 3],

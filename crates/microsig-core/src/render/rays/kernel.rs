@@ -192,7 +192,6 @@ struct AtFirstFace<S: Simd> {
     sign: Words<S>,
 }
 
-/// Rays at the second face.
 #[derive(Clone, Copy)]
 struct AtSecondFace<S: Simd> {
     w: Floats<S>,
@@ -209,7 +208,6 @@ struct AtSecondFace<S: Simd> {
 }
 
 impl<S: Simd> AtFirstFace<S> {
-    /// The rays of a packet.
     #[inline(always)]
     fn new(simd: S, lens: &ThinLens, vectors: [&[f32]; 5], runs: &[SourceRun], packet: RayPacket) -> Self {
         let [d1, d2, v] = runs[packet.run as usize].direction;
@@ -234,7 +232,6 @@ impl<S: Simd> AtFirstFace<S> {
         AtFirstFace { w, u, v, q_x, q_y, w2, n2, d, r, sign: in_aperture.to_bits() | d.to_bits() }
     }
 
-    /// Through the first face.
     #[inline(always)]
     fn enter(self) -> AtSecondFace<S> {
         let AtFirstFace { w, u, v, q_x, q_y, w2, n2, d, r, sign } = self;

@@ -66,7 +66,6 @@ impl Sources {
         [&self.cosine, &self.sine, &self.e2, &self.e3, &self.distance].map(|values| &values[..length])
     }
 
-    /// Number of points.
     pub(super) fn number(&self) -> usize {
         self.surface.len()
     }

@@ -122,7 +122,6 @@ impl Draft<'_> {
         reaches(self.model, frame).into_iter().chain(corners).collect()
     }
 
-    /// The models of the corners of the field.
     fn corners(&self) -> Vec<Model> {
         let Some(waves) = self.field else { return Vec::new() };
         let [right, below] = waves.size_px();

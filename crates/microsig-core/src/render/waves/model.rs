@@ -421,7 +421,6 @@ impl Model {
         super::band::lines(self.wavelength_um, self.bandwidth_um, spread, self.tolerance)
     }
 
-    /// Rings of a sphere.
     fn rings(&self, radius_um: f64, end: f64) -> Vec<Ring> {
         let more = usize::from(self.tolerance < 1e-3);
         bead::rings(self.emission, radius_um, self.k_sine_within(end) * radius_um, more)

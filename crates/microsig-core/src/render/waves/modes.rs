@@ -170,7 +170,6 @@ struct Found {
     vector: Vec<[f64; 2]>,
 }
 
-/// The columns for one order.
 struct Order {
     order: usize,
     columns: usize,

@@ -31,7 +31,6 @@ struct Node {
     area: f64,
 }
 
-/// Kernels of the quadrant.
 #[derive(Debug)]
 pub(super) struct Quadrant {
     pub(super) radii: Radii,
@@ -201,7 +200,6 @@ impl Quadrant {
     }
 }
 
-/// One image of a mode.
 #[derive(Debug, Clone, Copy)]
 struct Image {
     mode: usize,
