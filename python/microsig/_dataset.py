@@ -510,7 +510,7 @@ def generate(
 
     :param scenario: path of a scenario, name of a shipped one (``"quickstart"``; `microsig new --list` lists them), its
         text (RON or JSON), or a dict of its keys (docs/scenario.md lists them)
-    :param seed: seed of all random numbers, 0 to 2^64 - 1, by default that of the scenario
+    :param seed: seed of all random numbers, 0 to 2^64 - 1, by default the scenario's
     :param set: scenario values by path, such as ``{"optics.background_noise": 20}``
     :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :raises ValueError: the scenario is invalid; the message lists all problems with their positions

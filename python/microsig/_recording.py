@@ -48,7 +48,7 @@ def import_recording(
     :param z: stage positions of the scan: a CSV file with ``page`` (from 0) or ``image``, and ``z_um``
     :param z_step_um: step of the stage between planes, instead of ``z``
     :param z_toward: stage positions increase toward the lens
-    :param magnification: magnification of the microscope, with ``pixel_size_um``; by default that of ``optics``
+    :param magnification: magnification of the microscope, with ``pixel_size_um``; by default from ``optics``
     :param pixel_size_um: edge of a pixel on the sensor, um
     :param optics: a scenario with the optics, such as ``microsig fit`` writes; for ``mle``
     :param dt_s: time between frames, or between the frames of a pair, s

@@ -208,8 +208,8 @@ def evaluate(
         ones; a data frame's index counts as a column if it has a name.
     :param format: the result's format, by default from its header
     :param gate: shape of the gate, by default ellipsoid with depth, radial without
-    :param gate_xy_px: radius of the gate in the image plane, px, of a box half its width, by default that of the dataset, or 2
-    :param gate_z_um: half height of the gate, um, by default that of the dataset, or a tenth of the depth range
+    :param gate_xy_px: radius of the gate in the image plane, px, of a box half its width, by default the dataset's, or 2
+    :param gate_z_um: half height of the gate, um, by default the dataset's, or a tenth of the depth range
     :param dims: score in 2 or 3 dimensions, by default as the dataset states, or 3 if truth and result have a depth
     :param isbi_gate_px: radius of the gate of the ISBI scores, px, by default 5
     :param border_px: do not score particles this near to the edge of the image, px
@@ -223,7 +223,7 @@ def evaluate(
     :param dt_s: time between the frames of a pair, s. A file of a field that states no units then has velocities per s
     :param pair: image pair of a field whose file does not state it, or of the first of several files; "all" for a field of all
         pairs (ensemble correlation)
-    :param depth_um: depth range in which particles are scored, um, by default that of the dataset; needed for a bare table
+    :param depth_um: depth range in which particles are scored, um, by default the dataset's; needed for a bare table
     :param plane_um: score a field against the plane of the truth nearest to this depth, um
     :param auto_offset: report which shift of the whole result would fit best; it is never applied
     :param crlb: add the Cramer-Rao bound of the optics

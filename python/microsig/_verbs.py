@@ -408,7 +408,7 @@ def release(
     :param test_set: values of motion or particles in the test split by path, such as ``{"particles.number.count": 40}``
     :param exact_times: publish the exact times of the test split's frames
     :param fields: score displacement fields instead of particles
-    :param gate_xy_px, gate_z_um, dims: gates and dimensions of scoring, by default those of the dataset
+    :param gate_xy_px, gate_z_um, dims: gates and dimensions of scoring, by default the dataset's
     :param codabench: also write a bundle for the platform Codabench
     :param wheel: wheel of microsig for its scoring program
     :param title: title of the challenge

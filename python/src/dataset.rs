@@ -149,7 +149,7 @@ impl Made {
 }
 
 /// The text of a scenario or sweep (a regular file of at most 16 MB, or the name of a shipped one) and the folder
-/// that paths in it are relative to; None: that of the shipped files.
+/// that paths in it are relative to; None: the folder of the shipped files.
 #[pyfunction]
 fn read_scenario(py: Python<'_>, path: PathBuf) -> PyResult<(String, Option<PathBuf>)> {
     let found = run(py, false, OnInterrupt::Leave, move |_| scenario::ScenarioText::open(&path))?;

@@ -187,7 +187,7 @@ def test_a_killed_stream_that_is_resumed_at_sample_10000_gives_what_it_would_hav
 
 
 def test_any_sample_is_that_of_any_batch():
-    """Streams of arguments drawn at random: samples equal those of batches that begin anywhere."""
+    """Streams of arguments drawn at random: samples equal those in batches that begin anywhere."""
     random = np.random.default_rng(11)
     for _ in range(6):
         labels = [label for label in LABELS if random.random() < 0.5]

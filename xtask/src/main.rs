@@ -24,12 +24,12 @@ enum Task {
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
     /// Updates the golden hashes of datasets; see "Bytes" in CHANGELOG.md.
     Golden,
-    /// Draws the figures of the documentation: those of the paper, all velocity fields, the effects of
+    /// Draws the figures of the documentation: of the paper, all velocity fields, the effects of
     /// scenario keys.
     Figures {
         /// Kind of figures; default all.
         kind: Option<figures::Kind>,
-        /// Output folder; default that of the documentation.
+        /// Output folder; default: the documentation's.
         #[arg(long, requires = "kind")]
         out: Option<PathBuf>,
         /// Redraw existing pictures of keys.

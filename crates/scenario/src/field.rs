@@ -1,6 +1,6 @@
 //! Velocity fields in scenarios: `poiseuille(max_speed_um_s: 1290)`.
 //!
-//! Names, parameters and defaults are those of `flows::registry`; compositions contain other fields.
+//! Names, parameters and defaults come from `flows::registry`; compositions contain other fields.
 
 use std::path::Path;
 

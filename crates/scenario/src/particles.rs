@@ -73,7 +73,7 @@ pub enum Number {
     /// Source density N_S: total area of the particle images over the area of the sensor, on average (Poisson
     /// process); overlaps count once per image. The area of an image is the number of its pixels above a tenth of its
     /// peak, averaged over depth; in focus, whole pixels make it up to 1.6 times as large as by the formula of the
-    /// optics. If walls or bodies exclude particles from part of the image, the area is that of the rest.
+    /// optics. If walls or bodies exclude particles from part of the image, only the rest counts.
     NS(#[schemars(range(min = 0.0, max = 100.0), example = 0.1)] f64),
     /// One particle at each position in a MicroSIG data file (x and y in px, z in um), relative to the
     /// scenario; diameters are drawn from `diameter_um`.
@@ -211,7 +211,7 @@ impl Default for Brownian {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Settling {
-    /// Density of the particles minus that of the liquid.
+    /// Density of the particles minus the liquid's.
     #[schemars(range(min = -1e5, max = 1e5))]
     pub density_difference_kg_m3: f64,
     /// Dynamic viscosity of the liquid.

@@ -41,7 +41,7 @@ pub struct Render {
         example = DEFAULT_TOLERANCE
     )]
     pub tolerance: Option<f64>,
-    /// For noise-free images, those of `expected` and `waves`: how each is computed.
+    /// How each noise-free image, of `expected` and `waves`, is computed.
     #[serde(skip_serializing_if = "Images::is_tables")]
     #[schemars(extend("x-default" = "`tables`"))]
     pub images: Images,

@@ -309,7 +309,7 @@ pub struct Optics {
     #[schemars(range(min = -180.0, max = 180.0), extend("x-unit" = "degrees", "x-default" = "0: along x"), example = 0.0)]
     pub cyl_angle_deg: Option<f64>,
     /// Standard deviation of the Gaussian blur by detector and relay optics, in the particles' space. A sensor
-    /// with a modulation transfer of T at its Nyquist frequency, that of its square pixels (0.64) divided out, has
+    /// with a modulation transfer of T at its Nyquist frequency, the part of its square pixels (0.64) divided out, has
     /// 0.45 sqrt(-ln T) px, times pixel size over magnification.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1e3), extend("x-default" = "0: none"), example = 0.8)]

@@ -55,7 +55,7 @@ pub(super) struct Evaluate {
     /// Exclude particles within this distance of the image edge from scoring
     #[arg(long, value_name = "PX", default_value_t = 0.0)]
     border: f64,
-    /// Coordinate of the first pixel's center in the result [default: that of the format]
+    /// Coordinate of the first pixel's center in the result [default: the format's]
     #[arg(long, value_parser = choice::<Origin>())]
     origin: Option<Origin>,
     /// Unit of x and y in the result [default: as stated in it, or the unit of the format]
@@ -67,7 +67,7 @@ pub(super) struct Evaluate {
     /// Added to x and y in the image, for a result with an origin of its own
     #[arg(long, value_names = ["PX", "PX"], num_args = 2)]
     shift: Option<Vec<f64>>,
-    /// Number of the result's first frame [default: that of the format]
+    /// Number of the result's first frame [default: the format's]
     #[arg(long, value_name = "N")]
     frame_base: Option<i64>,
     /// Pixel size in object space [default: the dataset's]. A field without stated units is then in m, mm or

@@ -35,7 +35,7 @@ pub(super) struct Optics {
     /// Tabulate the Cramer-Rao bounds of spheroids over depth and tilt (CSV)
     #[arg(long, value_name = "FILE", value_parser = output())]
     spheroids: Option<OutputFile>,
-    /// Their aspect ratios, polar over equatorial diameter, separated by commas [default: that of the scenario]
+    /// Their aspect ratios, polar over equatorial diameter, separated by commas [default: the scenario's]
     #[arg(long, value_name = "RATIOS", value_delimiter = ',', requires = "spheroids")]
     aspect_ratios: Vec<f64>,
     #[command(flatten)]

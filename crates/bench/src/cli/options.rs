@@ -56,7 +56,7 @@ impl ScenarioOptions {
 /// The seed of verbs that generate a scenario or sweep.
 #[derive(Debug, Args)]
 pub(super) struct Random {
-    /// Seed of all random numbers [default: that of the scenario or sweep, otherwise 0]
+    /// Seed of all random numbers [default: the seed of the scenario or sweep, otherwise 0]
     #[arg(long, value_name = "N", value_parser = argument::seed)]
     pub(super) seed: Option<u64>,
 }

@@ -44,10 +44,10 @@ pub(super) struct Release {
     /// Score displacement fields instead of particles, even if train reveals the flow of test
     #[arg(long)]
     fields: bool,
-    /// Radius of the matching gate in the image plane [default: that of the dataset]
+    /// Radius of the matching gate in the image plane [default: the dataset's]
     #[arg(long, value_name = "PX", alias = "gate-xy-px")]
     gate_xy: Option<f64>,
-    /// Half height of the gate along z [default: that of the dataset]
+    /// Half height of the gate along z [default: the dataset's]
     #[arg(long, value_name = "UM", alias = "gate-z-um")]
     gate_z: Option<f64>,
     /// Score in 2 or 3 dimensions [default: as the dataset states]
@@ -63,7 +63,7 @@ pub(super) struct Release {
     /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
     #[arg(long, value_name = "DATE")]
     deadline: Option<Deadline>,
-    /// Title of the challenge [default: that of the dataset]
+    /// Title of the challenge [default: the dataset's]
     #[arg(long)]
     title: Option<String>,
     /// Author to cite, as `Family, Given` or the name of a group; may be repeated

@@ -177,7 +177,7 @@ struct Release {
     /// The suite
     #[arg(value_parser = input())]
     suite: InputFile,
-    /// The generated suite; its train splits become those of the challenges
+    /// The generated suite; its train splits become the challenges'
     datasets: PathBuf,
     /// Output folder of the releases: OUT/TRACK/CASE
     #[arg(long, short, value_name = "OUT", value_parser = folder())]

@@ -27,7 +27,7 @@ pub(super) struct SweepScores {
     /// folder
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = methods())]
     track: Vec<String>,
-    /// Score all results, also those of other programs in results/NAME/CASE.csv, into scores/NAME/CASE/
+    /// Score all results, also of other programs in results/NAME/CASE.csv, into scores/NAME/CASE/
     #[arg(long)]
     evaluate: bool,
     /// Add the Cramér-Rao bound of each case to its scores (takes a while)

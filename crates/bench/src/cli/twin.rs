@@ -25,7 +25,7 @@ pub(super) struct Twin {
     #[arg(long, value_name = "SCENARIO", value_parser = input())]
     optics: InputFile,
     /// Trackers, separated by commas: methods of `microsig track`, and at the end a command of the shell, in which `{images}` is the
-    /// folder of the images, `{dataset}` that of the recording and `{out}` the CSV file to write; may be repeated [default: ncc,
+    /// folder of the images, `{dataset}` the folder of the recording and `{out}` the CSV file to write; may be repeated [default: ncc,
     /// and mle if the recording was imported with optics]
     #[arg(long, value_name = "TRACKERS", value_parser = TwinTracker::list)]
     run: Vec<Vec<TwinTracker>>,

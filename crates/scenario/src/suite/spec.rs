@@ -35,7 +35,7 @@ pub struct TrackSpec {
     /// The scores by which trackers are ranked, in order of priority.
     #[schemars(length(min = 1))]
     pub rank_by: Vec<Metric>,
-    /// Radius of the matching gate in the image plane, px; by default that of `evaluate`.
+    /// Radius of the matching gate in the image plane, px; by default as for `evaluate`.
     #[serde(default)]
     #[schemars(range(min = 1e-6, max = 1000))]
     pub gate_xy_px: Option<f64>,
@@ -82,7 +82,7 @@ pub struct SizeSpec {
     pub set: Vec<String>,
 }
 
-/// Cases that differ in a few parameters: those of a sweep, or a single scenario.
+/// Cases that differ in a few parameters: the cases of a sweep, or a single scenario.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub struct LadderSpec {
     /// Name of the ladder.
@@ -95,11 +95,11 @@ pub struct LadderSpec {
     /// the ladder, followed by the values.
     #[serde(default)]
     pub case: Option<String>,
-    /// Dimensions in which particles are scored; by default those of the track.
+    /// Dimensions in which particles are scored; by default as for the track.
     #[serde(default)]
     #[schemars(range(min = 2, max = 3))]
     pub dims: Option<u8>,
-    /// The scores by which its cases are ranked; by default those of the track.
+    /// The scores by which its cases are ranked; by default as for the track.
     #[serde(default)]
     #[schemars(length(min = 1), example = vec![Metric::F1])]
     pub rank_by: Option<Vec<Metric>>,
@@ -112,7 +112,7 @@ pub struct LadderSpec {
     /// The cases of size small, by name; by default all.
     #[serde(default)]
     pub small: Option<Vec<String>>,
-    /// Sizes, if they differ from those of the track.
+    /// Sizes, if they differ from the track's.
     #[serde(default)]
     pub sizes: Option<Sizes>,
 }

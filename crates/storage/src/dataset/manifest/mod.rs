@@ -385,7 +385,7 @@ pub struct OpticsFacts {
     /// How the optics vary over the field of view as in the scenario; left out if they do not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub field: Option<FieldOptics>,
-    /// Which points of spheroids emit; left out if they are those of MicroSIG's program, or if there are none.
+    /// Which points of spheroids emit; left out if they emit as in MicroSIG's program, or if there are none.
     #[serde(default, skip_serializing_if = "is_original")]
     pub spheroids: SpheroidLaw,
 }
