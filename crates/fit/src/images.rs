@@ -46,7 +46,6 @@ pub(super) struct Problem<'a> {
     pub(super) free_flux: bool,
     /// Whether a window is rejected, by particle and plane.
     pub(super) rejected: Vec<Vec<bool>>,
-    /// Accuracy of images.
     pub(super) accuracy: Accuracy,
     /// Current stage of the fit, and the receiver of progress messages.
     pub(super) stage: String,

@@ -1,5 +1,3 @@
-//! The normal equations of the image fit.
-
 use rayon::prelude::*;
 
 use super::derivatives::Derivatives;

@@ -1,5 +1,3 @@
-//! The keys of the calibration stacks.
-
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

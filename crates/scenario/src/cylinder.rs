@@ -1,5 +1,3 @@
-//! The keys of a cylindrical lens in front of the camera.
-
 use microsig_core::render::waves;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,3 @@
-//! Illumination of the particles in scenarios.
-
 use flows::Illumination as Light;
 use flows::illumination::{Profile, Shape};
 use glam::DVec3;

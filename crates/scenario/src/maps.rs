@@ -1,5 +1,3 @@
-//! Offset, gain and read noise of every pixel of a camera, from files.
-
 use std::path::Path;
 
 use microsig_core::Settings;

@@ -1,5 +1,3 @@
-//! A folder that files are written into.
-
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};

@@ -175,7 +175,6 @@ pub(super) struct ShapeImages {
     /// Half widths of images of spheres, px, and how much larger an aspect ratio makes them.
     radii: Vec<usize>,
     of_aspect: f64,
-    /// Room for this.
     room: usize,
 }
 

@@ -1,5 +1,3 @@
-//! The scores that rank suites, with their 95 % intervals.
-
 use serde::{Deserialize, Serialize};
 
 use scenario::Metric;

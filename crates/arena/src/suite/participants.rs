@@ -28,7 +28,6 @@ struct Participant {
     made_for: Option<String>,
     /// Who made the tracker or ran it.
     by: Option<String>,
-    /// Its version.
     version: Option<String>,
     /// The command that was run on each dataset.
     command: Option<String>,

@@ -1,5 +1,3 @@
-//! Batches of samples.
-
 use rayon::prelude::*;
 
 use super::{PARTICLE_COLUMNS, Sample, SampleStream};

@@ -1,5 +1,3 @@
-//! Labels of samples.
-
 use flows::Frame;
 use flows::eulerian::{central, forward};
 use flows::scale::ImagePoint;

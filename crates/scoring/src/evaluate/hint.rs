@@ -1,5 +1,3 @@
-//! Probable mistakes of convention.
-
 use storage::advice::Named;
 
 scores! {

@@ -1,5 +1,3 @@
-//! Options of scoring, with defaults from the dataset.
-
 use super::gate::{Edge, Gate, Shape};
 use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};

@@ -1,5 +1,3 @@
-//! Reads truth and result, and scores them.
-
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;

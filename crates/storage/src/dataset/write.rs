@@ -1,5 +1,3 @@
-//! Writes tables as CSV.
-
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;

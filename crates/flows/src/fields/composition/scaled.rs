@@ -1,5 +1,3 @@
-//! A field with scaled velocities and lengths.
-
 use super::{Field, Inner, Transform};
 use crate::fields::prelude::*;
 

@@ -258,7 +258,6 @@ impl PupilSampling {
 struct SubapertureImages<'b> {
     subimages: Vec<Option<SubapertureImage<'b>>>,
     sectors: usize,
-    /// The layout of all images.
     layout: SubapertureLayout,
 }
 

@@ -1,5 +1,3 @@
-//! The planes of the tables of expected images.
-
 use serde::{Deserialize, Serialize};
 
 use super::radial_layout::RadialLayout;

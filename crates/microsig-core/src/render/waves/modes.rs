@@ -164,7 +164,6 @@ impl Bead<'_> {
 /// A mode as a linear combination of columns.
 struct Found {
     order: usize,
-    /// Its light.
     light: f64,
     /// Its coefficient for each column.
     vector: Vec<[f64; 2]>,

@@ -1,5 +1,3 @@
-//! Bias and random error at each position, over repeated image pairs of a flow.
-
 use std::collections::BTreeMap;
 
 use super::compared::ComparedVector;

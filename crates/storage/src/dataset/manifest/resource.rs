@@ -1,5 +1,3 @@
-//! The files that a manifest lists.
-
 use serde::{Deserialize, Serialize};
 
 use crate::checksums::Fingerprint;

@@ -1,5 +1,3 @@
-//! How results for a dataset are scored and ranked.
-
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
