@@ -1,4 +1,4 @@
-//! Suites: the same bytes for any shards, what differs from the frozen list is named, scores are those of
+//! Suites: the same bytes for any shards, what differs from the frozen list is named, scores come from
 //! `evaluate`, and faults of a suite's file are shown with their line.
 
 use std::path::{Path, PathBuf};

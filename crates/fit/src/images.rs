@@ -6,7 +6,7 @@
 //! mean count = b_k + A_i P_k E(x, y, z)       variance = noise^2 + g max(mean - b_k, 0)
 //! ```
 //! with E the fraction of the light emitted toward the lens that falls on a pixel. Microscope and drift are
-//! common to all particles, the brightness A_i (mean 1) to all particles in a plane. Weights are those of the
+//! common to all particles, the brightness A_i (mean 1) to all particles in a plane. Weights come from the
 //! previous step; the loss is linear for residuals beyond five standard deviations (Huber).
 
 use rayon::prelude::*;

@@ -19,8 +19,8 @@ pub(super) struct Bead {
     pub(super) background: f64,
 }
 
-/// Variance of a count: that of the background, rounding included (counts^2), that per count of light
-/// (counts), and that per squared count of light, by which errors of the model grow.
+/// Variance of a count: of the background, rounding included (counts^2), per count of light
+/// (counts), and per squared count of light, by which errors of the model grow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Noise {
     pub(super) background2: f64,

@@ -46,7 +46,7 @@ pub(crate) fn resistances(gap: f64) -> (f64, f64) {
     (singular + polynomial(&ALONG, a), 1.0 / gap.max(MIN_GAP) + 0.2 * log + polynomial(&ACROSS, a))
 }
 
-/// Velocity of a sphere in a shear flow along a wall at a gap in radii, relative to that of the undisturbed
+/// Velocity of a sphere in a shear flow along a wall at a gap in radii, relative to the undisturbed
 /// flow at its center: 0 to 1.
 pub fn slip_in_shear(gap: f64) -> f64 {
     const POLYNOMIAL: [f64; 7] = [1.067152, -0.537278, 0.044499, 0.168719, -0.078128, -0.04911, 0.048655];

@@ -16,7 +16,7 @@
 //! ```
 //!
 //! [`Microscope`] and [`Cloud`] hold sections of a scenario, whose keys docs/scenario.md describes: their
-//! methods set the most common keys, their fields give access to all others. The images equal those of a dataset
+//! methods set the most common keys, their fields give access to all others. The images equal the images of a dataset
 //! of this scenario, byte for byte. The flow is a built-in field, any [`Motion`], or, by [`Motion::own`], every
 //! other [`flows::VelocityField`]. `examples/` of the repository has programs.
 

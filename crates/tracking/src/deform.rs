@@ -161,7 +161,7 @@ mod tests {
         assert!((Weights::<8>::new().at(0.0)[3] - 2416.0 / 5040.0).abs() < 1e-7);
     }
 
-    /// Without displacement pixels are unchanged, also at the edges; waves are displaced, those of 3 px in
+    /// Without displacement pixels are unchanged, also at the edges; waves are displaced, of 3 px in
     /// length far better by a septic spline than by a cubic one.
     #[test]
     fn waves_are_displaced() {

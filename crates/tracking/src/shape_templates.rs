@@ -70,7 +70,7 @@ pub(super) fn functions(axis: DVec3) -> [f64; FUNCTIONS] {
 const AXES: usize = 60;
 
 /// Images of spheroids at brightness 1 as functions of the axis: for each pixel, a polynomial of its components. On the
-/// unit sphere, those of degree 6 are all even functions up to that order of spherical harmonics, and an axis has no sign.
+/// unit sphere; at degree 6 they span all even functions up to that order of spherical harmonics, and an axis has no sign.
 pub(super) struct ShapeTemplates {
     pub(super) depths_um: Vec<f64>,
     pub(super) aspects: Vec<f64>,

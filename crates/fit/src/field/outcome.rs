@@ -306,7 +306,7 @@ fn implausible(transmission: &Coefficient) -> Option<String> {
     })
 }
 
-/// Chi-squared of single frames, from that of means of `repeats` frames: their residuals share the errors of
+/// Chi-squared of single frames, from chi-squared of means of `repeats` frames: their residuals share the errors of
 /// the model and have less noise.
 fn of_frame(chi2: f64, repeats: f64) -> f64 {
     1.0 + (chi2 - 1.0) / repeats

@@ -555,7 +555,7 @@ mod tests {
         assert!(!warns(&preview("", "")));
     }
 
-    /// Sizes of a list: a size that is fainter than the noise is named; the source density is that of the
+    /// Sizes of a list: a size that is fainter than the noise is named; the source density holds for the
     /// mixture, with less than the mean size would have if small particles prevail.
     #[test]
     fn each_listed_size_counts() {

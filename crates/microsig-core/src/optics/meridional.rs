@@ -1,6 +1,6 @@
 //! Rays in a plane through the optical axis, vectorized.
 //!
-//! The arithmetic is that of [`OpticalSystem::trace`] without the terms that are zero in a meridional plane,
+//! The arithmetic of [`OpticalSystem::trace`] without the terms that are zero in a meridional plane,
 //! so that the landing points are bit-identical, which a test checks. The loops are plain, and the compiler
 //! vectorizes them.
 

@@ -151,7 +151,7 @@ pub struct Conventions {
     pub format: Option<Format>,
     /// Coordinates of the first pixel's center.
     pub origin: Option<Origin>,
-    /// Unit of x and y; in tables with one unit for all axes also that of z.
+    /// Unit of x and y; in tables with one unit for all axes also of z.
     pub unit: Option<LengthUnit>,
     /// Whether y grows upward.
     pub y_up: Option<bool>,

@@ -60,7 +60,7 @@ pub struct RecordingFacts {
     pub has_all_particles: bool,
     /// Whether it was generated with a secret key.
     pub is_from_key: bool,
-    /// Whether only particles are scored, because the velocity field is that of the train split.
+    /// Whether only particles are scored, because train has the same velocity field.
     pub is_for_particles_only: bool,
     /// Whether only displacement fields are scored.
     pub is_for_fields_only: bool,

@@ -78,7 +78,7 @@ pub struct ScenarioFlow {
 }
 
 impl ScenarioFlow {
-    /// The flow of a scenario; `None` if it has no true field. `scan` is that of the mean diameter
+    /// The flow of a scenario; `None` if it has no true field. `scan` belongs to the mean diameter
     /// ([`Scenario::scan_of_mean`]), which is made if it is needed.
     pub fn new(scenario: Arc<Scenario>, scan: Option<&DepthScan>) -> Result<Option<Self>> {
         let Some((nodes, field)) = grid(&scenario) else { return Ok(None) };

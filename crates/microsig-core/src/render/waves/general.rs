@@ -5,7 +5,7 @@
 //! respect to the image's Y. With a cylindrical lens rotated by chi, rows are rotated too, and the middle of
 //! a row shifts along it in proportion to its distance from the center, which gives a phase factor for each
 //! row and column. Values at opposite points are first added and subtracted, so that kernels are real and
-//! those of one quadrant serve the entire image.
+//! one quadrant's serve the entire image.
 
 use super::interpolation::{self, Around};
 use super::matrix::{self, LANES, Panels};

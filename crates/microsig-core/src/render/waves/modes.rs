@@ -19,7 +19,7 @@ const MAX_ORDERS: usize = 400;
 pub(super) struct Mode {
     /// m >= 0.
     pub(super) order: usize,
-    /// Complex amplitude at each radius, with the phase relative to that of the particle's center: real and
+    /// Complex amplitude at each radius, with the phase relative to the particle's center: real and
     /// imaginary part, 1/um.
     pub(super) values: Vec<[f64; 2]>,
 }

@@ -386,7 +386,7 @@ fn longest_direction_deg(patch: &ExpectedPatch) -> f64 {
     0.5 * libm::atan2(2.0 * xy, xx - yy).to_degrees()
 }
 
-/// The derivatives of a spheroid's image are those of its displaced images.
+/// The derivatives of a spheroid's image equal differences of displaced images.
 #[test]
 fn spheroids_have_derivatives() {
     let settings = Settings { pixel_dim_x: 81, pixel_dim_y: 81, ..Settings::setting1() };
