@@ -29,9 +29,6 @@ const LEAST_FLAT: f32 = 0.05;
 
 impl Correction {
     /// Reads both files, each with one page or several, which are averaged.
-    ///
-    /// # Errors
-    /// A file that is no image of this size; a flat field with dark pixels.
     pub(crate) fn read(options: &ImportOptions, size: (usize, usize)) -> Result<Self> {
         let mean = |file: &PathBuf| mean(file, options.page, size);
         let dark = options.dark.as_ref().map(mean).transpose()?.unwrap_or_default();

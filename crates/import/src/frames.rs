@@ -60,9 +60,6 @@ pub(crate) struct Written {
 impl Frames {
     /// Finds the frames in the files, and checks that all are gray counts of the size of the scan, or without
     /// one of the first image.
-    ///
-    /// # Errors
-    /// Files that are no such images; pages that cannot be divided into times.
     pub(crate) fn find(options: &ImportOptions, scan: Option<(usize, usize)>) -> Result<Self> {
         let mut files = files::of(&options.images)?;
         let named = if options.pairs { files::paired(&files)? } else { None };
@@ -138,9 +135,6 @@ impl Frames {
 
     /// Puts the images into the folder: whole files as links or copies, pages of longer files and corrected
     /// images as files of their own. Also writes the contact sheet.
-    ///
-    /// # Errors
-    /// Images that cannot be read; writing.
     pub(crate) fn write(
         &self,
         folder: &OutputFolder,

@@ -65,9 +65,6 @@ impl Optics {
     }
 
     /// Finds the place of the model on the axis of the stage.
-    ///
-    /// # Errors
-    /// Optics whose images do not resemble the scan.
     pub(crate) fn at(&self, made: &Stacks, spinner: &Bar) -> Result<Model> {
         spinner.set_message("comparing the optics with the scan");
         let scenario = &self.scenario;

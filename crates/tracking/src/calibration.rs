@@ -164,9 +164,6 @@ pub fn check(dataset: &Path) -> Result<usize> {
 }
 
 /// Reads the settings and optics of the stacks, and the diameter and depths of the particle of each.
-///
-/// # Errors
-/// As [`read`]; a data file without a particle.
 pub(super) fn origins(dataset: &DatasetPlace) -> Result<Vec<Origin>> {
     let manifest = dataset.manifest()?;
     let facts = &manifest.microsig;

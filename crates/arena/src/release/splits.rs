@@ -60,9 +60,6 @@ impl Train {
     }
 
     /// Changes how results are scored: the dataset of a suite is then none of the suite any more.
-    ///
-    /// # Errors
-    /// Gates out of range, or that contradict each other.
     pub(super) fn rule(&mut self, rules: &ScoringRules) -> Result<()> {
         let &ScoringRules { gate_xy_px, gate_z_um, dims, .. } = rules;
         EvaluateOptions { gate_xy_px, gate_z_um, dims, ..EvaluateOptions::default() }.check()?;

@@ -79,9 +79,6 @@ impl LabelOptions {
     }
 
     /// Checks the options for a scenario and a number of frames.
-    ///
-    /// # Errors
-    /// A number out of range; a displacement field that the scenario does not have.
     pub(super) fn check(&self, scenario: &Scenario, frames: u32) -> Result<()> {
         if !(self.share > 0.0 && self.share < 1.0) {
             return Err(Error::input(format!("share = {}: expected a number between 0 and 1", self.share)));

@@ -94,9 +94,6 @@ impl EvaluateOptions {
 }
 
 /// Whether depth is scored: by default if truth and result have one, which a depth of 0 in every row is not.
-///
-/// # Errors
-/// A value of `--dims` that truth and result do not allow.
 pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<bool> {
     let both = truth.has_z && points.has_z;
     match options.dims {
@@ -118,9 +115,6 @@ pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &Evalu
 }
 
 /// The part of the volume that is scored.
-///
-/// # Errors
-/// A border of images of unknown size; depths without particles.
 pub(super) fn region(truth: &TrueParticles, options: &EvaluateOptions) -> Result<Region> {
     let region = Region { border_px: options.border_px, depth_um: options.conventions.depth_um };
     if region.border_px > 0.0 && truth.facts.sensor_px.is_none() {
@@ -138,9 +132,6 @@ pub(super) fn region(truth: &TrueParticles, options: &EvaluateOptions) -> Result
 }
 
 /// The gate of assignment A1.
-///
-/// # Errors
-/// Options that contradict each other or the dataset.
 pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions) -> Result<Gate> {
     let xy_px = options.gate_xy_px.unwrap_or(ScoringGates::XY_PX);
     let z_um = options.gate_z_um.or(truth.facts.depth_h_um().map(|h| ScoringGates::over(h).z_um));

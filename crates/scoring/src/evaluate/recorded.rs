@@ -24,10 +24,6 @@ const NO_TRACKS: &str = "links and tracks: track numbers of the known particles 
 const NO_HEIGHTS: &str = "errors of z: depths of particles are not known";
 
 /// Scores the points of a recording.
-///
-/// # Errors
-/// A recording of which nothing is known; a result without depth where only heights are known; options that
-/// do not apply.
 pub(super) fn evaluate(truth: &Truth, points: &Points, options: &EvaluateOptions) -> Result<Evaluation> {
     let name = &truth.facts.name;
     let planes = truth.planes.as_deref().filter(|planes| !planes.is_empty());

@@ -54,9 +54,6 @@ enum Encoding {
 
 impl Text {
     /// Opens a text file.
-    ///
-    /// # Errors
-    /// A file that cannot be opened, or that is not text.
     pub(crate) fn open(path: &InputFile) -> Result<Self> {
         let mut file = path.open()?;
         let mut head = Vec::new();
@@ -86,9 +83,6 @@ impl Text {
     }
 
     /// The first bytes of a text file, decoded, after a line `sep=` for Excel.
-    ///
-    /// # Errors
-    /// As [`Text::open`]; text that cannot be decoded.
     pub(super) fn head(path: &InputFile) -> Result<Vec<u8>> {
         let mut head = Vec::new();
         let failed = |e| Error::input(format!("{}: {e}", path.display()));
