@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use arena::report::{field_page, fit_page};
-use fit::{FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, Scan, Verdict, WaveModel};
+use fit::{FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, LEAST_R2, Scan, Verdict, WaveModel};
 use microsig_core::render::waves::Lens;
 use serde_json::Value;
 use storage::advice;
@@ -71,6 +71,11 @@ impl FittedScan {
             FittedScan::Uniform(made) if made.fitted.verdict == Verdict::NotDescribed => {
                 Some(made.fitted.sentence())
             }
+            FittedScan::Field { made, .. } if made.fitted.r2_of_field < LEAST_R2 => Some(format!(
+                "wave optics does not describe this scan: {:.1} % of the light explained; expected at least {:.0} %. Check diameter,                  wavelength, emission and window",
+                100.0 * made.fitted.r2_of_field,
+                100.0 * LEAST_R2
+            )),
             _ => None,
         }
     }

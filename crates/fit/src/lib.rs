@@ -49,7 +49,7 @@ pub use field::{
 };
 pub use images::Watch;
 pub use optics::{ExtraParameter, Given};
-pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
+pub use outcome::{Correlations, Fitted, FittedParticle, LEAST_R2, Parameter, PlaneFit, Verdict};
 pub use repeats::noise_of_repeats;
 pub use scan::{Level, Scan, StagePositions, chosen_channel};
 use storage::advice::option;

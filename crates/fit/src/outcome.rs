@@ -345,10 +345,13 @@ fn excess_sd(chi2: f64, pixels: f64) -> f64 {
     (chi2 - 1.0) * libm::sqrt(0.5 * pixels)
 }
 
+/// Fraction of the light that a model of the scan explains at least.
+pub const LEAST_R2: f64 = 0.9;
+
 /// With many pixels, a small excess of chi2 shows errors of the model: 1.09 over 430,000 is 42 standard deviations.
 fn verdict(chi2: f64, excess_sd: f64, r2: f64) -> Verdict {
     match (chi2, r2) {
-        (_, r2) if r2 < 0.9 => Verdict::NotDescribed,
+        (_, r2) if r2 < LEAST_R2 => Verdict::NotDescribed,
         _ if excess_sd < MORE_THAN_NOISE => Verdict::NoiseLimited,
         (chi2, r2) if chi2 < 1.5 || r2 > 0.97 => Verdict::Good,
         _ => Verdict::Fair,
