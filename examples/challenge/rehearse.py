@@ -108,7 +108,7 @@ def main(microsig, python, place):
     release, inbox = place / "release", place / "inbox"
     deadline = datetime.date.today() + datetime.timedelta(days=2)
     # The challenge, in two commands.
-    organizer.run("suite", "generate", HERE / "suite.ron", "--size", "smoke", "--out", "datasets", "--quiet")
+    organizer.run("suite", "generate", HERE / "suite.ron", "--size", "smoke", "--split", "train", "--out", "datasets", "--quiet")
     organizer.run("suite", "release", HERE / "suite.ron", "datasets", "--out", release, "--creator", "Doe, Jane",
                   "--deadline", deadline, "--baselines", "spots,ncc", "--quiet")
     public = release / "public"

@@ -415,7 +415,7 @@ def release(
     :param creators: authors, as ``Family, Given`` or names of groups
     :param deadline: last day for submissions, a date or text such as ``2027-03-01``
     :param release_version: version of the challenge, by default 1.0.0
-    :param resume: leave a finished challenge of this dataset unchanged
+    :param resume: continue an interrupted run, also one with ``new_keys``; a finished challenge of this dataset is left unchanged
     :param force: with ``new_keys``, replace a challenge
     :param new_keys: draw a new secret key, which invalidates everything published of an earlier challenge
     :param progress: True, a callable of (what, done, total), or tqdm

@@ -192,7 +192,8 @@ def test_ome_xml_is_valid_and_holds_the_scale(dataset, tmp_path):
 
 
 def test_release_makes_a_challenge(dataset, tmp_path):
-    told = ms.release(dataset, tmp_path / "out", val=2, test=2, creators=["Doe, Jane"])
+    options = {"val": 2, "test": 2, "creators": ["Doe, Jane"]}
+    told = ms.release(dataset, tmp_path / "out", **options)
     assert told["images"] == [3, 2, 2] and (tmp_path / "out/public/commitment.sha256").exists()
     assert "Doe" in (tmp_path / "out/public/CITATION.cff").read_text()
     with zipfile.ZipFile(next((tmp_path / "out/public").glob("*-test.zip"))) as archive:
@@ -202,7 +203,7 @@ def test_release_makes_a_challenge(dataset, tmp_path):
     with pytest.raises(ValueError, match="(?s)were not provided:.*codabench") as told:
         ms.release(dataset, tmp_path / "new", wheel="x.whl")
     assert "--" not in str(told.value).split("provided:")[1]
-    again = ms.release(dataset, tmp_path / "out", resume=True)
+    again = ms.release(dataset, tmp_path / "out", **options, resume=True)
     assert again["out"] == str(tmp_path / "out")
     with pytest.raises(FileExistsError):
         ms.release(dataset, tmp_path / "out")

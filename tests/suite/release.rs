@@ -90,7 +90,7 @@ fn a_release_has_a_public_and_a_withheld_part() {
     assert_eq!(listing(&public), flat.split(' ').collect::<Vec<_>>());
     assert_eq!(
         listing(&c.out.join("withheld")),
-        ["README.md", "particles_only.txt", "salt.bin", "small-test-truth.zip", "test"]
+        ["README.md", "options.json", "particles_only.txt", "salt.bin", "small-test-truth.zip", "test"]
     );
     check_sums(&public);
     check_sums(&c.test);
@@ -148,10 +148,40 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     assert!(message.contains("was not made from"), "{message}");
     let message = fail(2, &[&release[..], &["--resume", "--release-version", "2.0.0"]].concat());
     assert!(message.contains("does not have version 2.0.0"), "{message}");
+    for (option, value, found) in
+        [("--deadline", "2037-12-31", "none"), ("--test", "9", "none"), ("--creator", "Doe, Jane", "[]")]
+    {
+        let message = fail(2, &[&release[..], &["--resume", option, value]].concat());
+        assert!(message.contains(&format!("was made with {option} {found}, not ")), "{message}");
+    }
     assert!(suite::tree(&out).unwrap() == files, "nothing has changed");
-    run(&[&release[..], &["--force", "--new-keys"]].concat());
-    let key = "withheld/test/secret_key.txt";
-    assert_ne!(suite::tree(&out).unwrap()[key], files[key]);
+    let replace = [&release[..], &["--force", "--new-keys"]].concat();
+    let message = fail(2, &[&replace[..], &["--resume"]].concat());
+    assert!(message.contains("cannot be used with"), "{message}");
+    run(&replace);
+    let key = || std::fs::read(out.join("withheld/test/secret_key.txt")).unwrap();
+    assert_ne!(
+        suite::tree(&out).unwrap()["withheld/test/secret_key.txt"],
+        files["withheld/test/secret_key.txt"]
+    );
+    // A replacement that is interrupted is continued, and not taken for a finished challenge.
+    let (before, mark) = (key(), place.path().join(".out.new-keys"));
+    kill_when(&replace, || mark.exists());
+    assert!(fail(2, &release).contains("was interrupted: --resume continues it"));
+    run(&[&release[..], &["--resume"]].concat());
+    assert!(key() != before && !mark.exists());
+    assert!(run(&[&release[..], &["--resume"]].concat()).contains("already exists"));
+}
+
+/// Starts the command, and ends it without a warning as soon as `is_time`.
+pub(crate) fn kill_when(arguments: &[&str], is_time: impl Fn() -> bool) {
+    let mut killed =
+        suite::microsig::microsig().args(arguments).stdout(std::process::Stdio::null()).spawn().unwrap();
+    while !is_time() && killed.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    killed.kill().unwrap();
+    killed.wait().unwrap();
 }
 
 /// A submission that contains the truth.
@@ -286,6 +316,9 @@ fn what_cannot_be_released_is_refused_and_leaves_nothing() {
     let placed = scenario(1).replace("count(20)", "file(\"places.txt\")");
     let placed = generate(place.path(), "placed", &placed);
     refuse(2, &placed, &[], "particle positions come from a file");
+
+    let single = generate(place.path(), "single", &scenario(1).replace("frames: 8", "frames: 1"));
+    refuse(2, &single, &[], "train has a single frame");
 
     let image = dataset.join("images/frame_00000.tif");
     let mut bytes = std::fs::read(&image).unwrap();

@@ -161,8 +161,14 @@ fn a_released_case_has_the_train_and_val_of_the_suite() {
     let c = &*LITTLE;
     let place = tempfile::tempdir().unwrap();
     let out = place.path().join("out");
-    let only = ["--case", "noise_2", "--creator", "Doe, Jane", "--quiet"];
-    run(&[&["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out)][..], &only].concat());
+    let only = ["--case", "noise_2", "--creator", "Doe, Jane"];
+    let of = ["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out)];
+    let told = suite::microsig::microsig().args(of).args(only).output().unwrap();
+    let told = suite::microsig::text(&told.stderr);
+    assert!(
+        told.contains("P2/noise_2: test has ") && told.contains(" tracks, and scores of a result"),
+        "{told}"
+    );
     let public = out.join("P2/noise_2/public");
     for (split, name) in [("train", "little-p2-noise_2-train"), ("val", "little-p2-noise_2-val")] {
         let files = suite::leak::unzip(&public.join(format!("{name}.zip"))).unwrap();
@@ -182,14 +188,8 @@ fn a_release_of_a_suite_continues_and_keeps_its_keys() {
     let place = tempfile::tempdir().unwrap();
     let out = place.path().join("out");
     let release = ["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out)];
-    let mut killed =
-        suite::microsig::microsig().args(release).stdout(std::process::Stdio::null()).spawn().unwrap();
     let first = out.join("P2/noise_0.5");
-    while !first.exists() && killed.try_wait().unwrap().is_none() {
-        std::thread::sleep(std::time::Duration::from_millis(2));
-    }
-    killed.kill().unwrap();
-    killed.wait().unwrap();
+    kill_when(&release, || first.exists());
     let kept = suite::tree(&first).unwrap();
 
     let message = fail(2, &release);
@@ -201,6 +201,31 @@ fn a_release_of_a_suite_continues_and_keeps_its_keys() {
     assert!(run(&[&release[..], &["--resume"]].concat()).contains("0 made now"));
     run(&[&release[..], &["--force", "--new-keys", "--case", "noise_0.5"]].concat());
     assert!(suite::tree(&first).unwrap() != kept);
+    // New keys of all, interrupted after the first; the results of baselines are those of the new images.
+    let resume = [&release[..], &["--resume", "--baselines", "spots"]].concat();
+    run(&resume);
+    let key = |case: &str| std::fs::read(out.join("P2").join(case).join("withheld/test/secret_key.txt")).ok();
+    let before = ["noise_0.5", "noise_2"].map(key);
+    let replace = [&release[..], &["--force", "--new-keys"]].concat();
+    kill_when(&replace, || key("noise_0.5").is_some_and(|key| Some(key) != before[0]));
+    assert!(!out.join("public/index.html").exists());
+    run(&resume);
+    assert!(key("noise_0.5") != before[0] && key("noise_2") != before[1]);
+    let (baselines, scores) = (out.join("baselines"), place.path().join("scores"));
+    let score = ["suite", "score", path(&c.suite), path(&out), "--results", path(&baselines)];
+    let scores = json(&[&score[..], &["--out", path(&scores)]].concat());
+    assert!(
+        scores["cases"].as_array().unwrap().iter().all(|of| of["results"][0]["status"] == "scored"),
+        "{scores}"
+    );
+    // An interrupted `reveal` is repeated.
+    let truth = place.path().join("truth");
+    let reveal = ["reveal", path(&out), "--out", path(&truth), "--early"];
+    run(&reveal);
+    std::fs::remove_dir_all(truth.join("P2/noise_2")).unwrap();
+    assert!(fail(2, &reveal).contains("noise_0.5: already exists; --force replaces it"));
+    run(&[&reveal[..], &["--force"]].concat());
+    assert!(truth.join("P2/noise_2/salt.bin").is_file());
 }
 
 #[test]

@@ -4,34 +4,75 @@
 //! different truth, against which no submission could be scored.
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use serde_json::{Value, json};
 
 use super::{MARK, ReleaseOptions};
 use scenario::SCENARIO;
 use storage::advice;
-use storage::advice::flag;
+use storage::advice::{Named, flag};
 use storage::checksums::SHA256SUMS;
 use storage::dataset::manifest::{MANIFEST, Manifest, ScoringRules};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, check_replaceable};
 
+/// The file beside a challenge that is being replaced with a new key: an interrupted replacement is continued, because
+/// the key to be replaced may be known.
+fn replacing(out: &Path) -> PathBuf {
+    let name = out.file_name().unwrap_or_default().to_string_lossy();
+    out.with_file_name(format!(".{name}.new-keys"))
+}
+
+/// Marks a challenge, if there is one, as being replaced with a new key.
+pub(crate) fn replace(out: &Path) -> Result<()> {
+    if out.join(MARK).is_file() { storage::save_bytes(&replacing(out), b"") } else { Ok(()) }
+}
+
+/// Removes the mark of [`replace`].
+pub(super) fn replaced(out: &Path) -> Result<()> {
+    remove_if_there(&replacing(out))
+}
+
+/// Removes a file, if it exists.
+pub(crate) fn remove_if_there(file: &Path) -> Result<()> {
+    match std::fs::remove_file(file) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(file)(e)),
+        _ => Ok(()),
+    }
+}
+
+/// Whether the replacement of a challenge has begun.
+pub(super) fn is_replacing(out: &Path) -> bool {
+    replacing(out).exists()
+}
+
+/// Whether there is a challenge that is not being replaced.
+pub(crate) fn is_made(out: &Path) -> bool {
+    out.join(MARK).is_file() && !is_replacing(out)
+}
+
 /// Whether the release already exists and is to be left unchanged.
 ///
 /// # Errors
 /// An existing challenge, unless it was made from the dataset and `options.resume` keeps it, or
-/// `options.force` and `options.new_keys` replace it; any other folder that is not empty.
+/// `options.force` and `options.new_keys` replace it, or `options.resume` continues that; any other folder that is not empty.
 pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool> {
     let out = &options.out;
     if !out.join(MARK).is_file() {
         check_replaceable(out, Earlier::new(MARK, options.force))?;
         return Ok(false);
     }
-    if options.resume {
+    if options.resume && is_made(out) {
         return belongs(dataset, options).map(|()| true);
     }
-    if !(options.force && options.new_keys) {
+    if !options.resume && !(options.force && options.new_keys) {
+        if is_replacing(out) {
+            let hint = format!(" continues it; to keep the key instead, remove {}", replacing(out).display());
+            let what = "its replacement with a new secret key was interrupted: ";
+            return Err(Error::Exists { path: out.clone(), hint: advice!(what, flag("resume"), hint) });
+        }
         let hint = advice!(
             "is a challenge with its secret key: ",
             flag("resume"),
@@ -79,10 +120,50 @@ fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
         |line: &&str| !(is_ruled && changed.iter().any(|file| line.ends_with(&format!("  {file}"))));
     let sums = storage::read_text(&dataset.join(SHA256SUMS))?;
     let of_train = sums_of_train(out, name).unwrap_or_default();
-    if of_train.lines().filter(is_kept).eq(sums.lines().filter(is_kept)) {
+    if !of_train.lines().filter(is_kept).eq(sums.lines().filter(is_kept)) {
+        return refuse(&format!("was not made from {}", dataset.display()));
+    }
+    // Challenges of earlier versions have no record of their options.
+    let path = out.join("withheld").join(OPTIONS);
+    if !path.is_file() {
         return Ok(());
     }
-    refuse(&format!("was not made from {}", dataset.display()))
+    let made: serde_json::Map<String, Value> =
+        serde_json::from_str(&storage::read_text(&path)?).unwrap_or_default();
+    let shown = |value: Option<&Value>| match value {
+        None | Some(Value::Null) => "none".to_owned(),
+        Some(Value::String(text)) => text.clone(),
+        Some(value) => value.to_string(),
+    };
+    for (name, now) in chosen(options) {
+        if made.get(&name) != Some(&now) {
+            let what = format!(" {}, not {}; ", shown(made.get(&name)), shown(Some(&now)));
+            let (option, again) = (Named::of_command(&name), " needs the options of the first run");
+            let hint = advice!("was made with ", option, what, flag("resume"), again);
+            return Err(Error::Exists { path: out.clone(), hint });
+        }
+    }
+    Ok(())
+}
+
+/// File in the withheld part with the options with which a challenge was made.
+pub(super) const OPTIONS: &str = "options.json";
+
+/// The options that shape a challenge, by name, besides gates and version.
+pub(super) fn chosen(options: &ReleaseOptions) -> serde_json::Map<String, Value> {
+    let assigned = options.test_set.iter().map(|of| format!("{}={}", of.path, of.value));
+    let all = [
+        ("val", json!(options.val)),
+        ("test", json!(options.test)),
+        ("test_set", json!(assigned.collect::<Vec<_>>())),
+        ("exact_times", json!(options.exact_times)),
+        ("fields", json!(options.fields)),
+        ("codabench", json!(options.codabench)),
+        ("deadline", json!(options.deadline.map(|day| day.to_string()))),
+        ("title", json!(options.about.title)),
+        ("creator", json!(options.about.creators)),
+    ];
+    all.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
 /// Deadline and commitment in the public manifest of a release.

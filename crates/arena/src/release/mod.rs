@@ -11,7 +11,7 @@
 //!   test/                             the complete test split with its secret key, for scoring submissions
 //!   NAME-test-truth.zip  salt.bin     to be published after the deadline
 //!   codabench.zip                     a bundle for the Codabench platform, with --codabench
-//!   README.md                         instructions
+//!   README.md  options.json           instructions; the options of the release
 //! ```
 //!
 //! The package of the test split is built from lists of allowed files and manifest keys rather than by
@@ -22,7 +22,7 @@ mod about;
 mod codabench;
 mod croissant;
 mod deadline;
-mod existing;
+pub(crate) mod existing;
 mod overlap;
 mod reveal;
 mod splits;
@@ -45,6 +45,7 @@ use microsig_core::render::Context;
 use serde::Serialize;
 
 use crate::package::Package;
+use crate::report::FEWEST;
 use generator::dataset::secret;
 use generator::runner::{GenerateOptions, Progress, generate};
 use scenario::license::LICENSE;
@@ -66,7 +67,7 @@ pub struct ReleaseOptions {
     pub out: PathBuf,
     /// Whether to replace an existing release, which also takes `new_keys`.
     pub force: bool,
-    /// Whether to leave an existing release of the same dataset unchanged.
+    /// Whether to leave an existing release of the same dataset unchanged, unless its replacement was interrupted.
     pub resume: bool,
     /// Whether `force` may also replace the secret key of an existing release.
     pub new_keys: bool,
@@ -137,9 +138,8 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     if existing::is_there(dataset, options)? {
         return Ok(None);
     }
-    if let Some(day) = options.deadline.filter(|day| day.has_passed(SystemTime::now())) {
-        return Err(Error::option(advice!(option("deadline").of(day), ": has passed")));
-    }
+    check_deadline(options.deadline)?;
+    let replaces = (options.force && options.new_keys) || existing::is_replacing(&options.out);
     let mut train = Train::open(dataset, &options.context)?;
     let is_ruled = options.rules != ScoringRules::default();
     if is_ruled {
@@ -147,7 +147,17 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     }
     let (val, test) = (train.val(dataset, options)?, train.test(dataset, options)?);
     let name = &train.scenario.spec.name;
+    for (split, of) in [("train", &train.scenario), ("val", &val), ("test", &test)] {
+        if of.recordings.frames() < 2 {
+            let what =
+                "has a single frame; a challenge needs two or more, such as timing: sequence(frames: 2)";
+            return Err(Error::input(format!("{}: {split} {what}", dataset.display())));
+        }
+    }
 
+    if replaces {
+        existing::replace(&options.out)?;
+    }
     let partial = Partial::start(&options.out)?;
     options.progress.warn(partial.warning());
     let (public, withheld) = (partial.folder().subfolder("public")?, partial.folder().subfolder("withheld")?);
@@ -178,6 +188,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
         (false, true) => vec![ResultKind::Particles],
         (false, false) => vec![ResultKind::Particles, ResultKind::Fields],
     };
+    let units = overlap::units(&folder, &scored)?;
     if let Some((marker, text)) = submission::marker(&scored) {
         withheld.save_bytes(marker, text)?;
     }
@@ -198,11 +209,14 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
         codabench::write(&withheld, (dataset, &folder), &about, options.wheel.as_deref())?;
     }
     withheld.save_bytes("README.md", about.withheld())?;
+    let chosen = serde_json::Value::from(existing::chosen(options));
+    withheld.save_bytes(existing::OPTIONS, format!("{chosen:#}\n"))?;
     publish(&public, &about)?;
     if is_ruled {
         remove_own(dataset)?;
     }
-    partial.finish(Earlier::new(MARK, options.force && options.new_keys))?;
+    partial.finish(Earlier::new(MARK, replaces))?;
+    existing::replaced(&options.out)?;
     let mut warnings = Vec::new();
     if of_fields && is_flow_known {
         warnings.push(
@@ -217,6 +231,10 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
                 .to_owned(),
         );
     }
+    // Half of them may be missed.
+    if units < 2 * FEWEST {
+        warnings.push(few(units, of_fields));
+    }
     Ok(Some(Released {
         out: options.out.clone(),
         name: name.clone(),
@@ -227,6 +245,26 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
         commitment,
         seconds: start.elapsed().as_secs_f64(),
     }))
+}
+
+/// Refuses a deadline that has passed.
+pub(crate) fn check_deadline(deadline: Option<Deadline>) -> Result<()> {
+    match deadline.filter(|day| day.has_passed(SystemTime::now())) {
+        Some(day) => Err(Error::option(advice!(option("deadline").of(day), ": has passed"))),
+        None => Ok(()),
+    }
+}
+
+/// What a test split with few tracks or squares of nodes means.
+fn few(units: usize, of_fields: bool) -> String {
+    let (of, more) = if of_fields {
+        ("squares of 32 px with nodes", "larger images")
+    } else {
+        ("tracks", "more particles, or more pairs or frames")
+    };
+    format!(
+        "test has {units} {of}, and scores of a result that finds fewer than {FEWEST} are withheld; use {more}"
+    )
 }
 
 /// Compares the truth of train and test: if they share more particles than expected by chance, the challenge

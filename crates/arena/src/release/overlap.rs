@@ -6,16 +6,16 @@
 //! chance matches at the same particle density. A deterministic flow has a single velocity field, so
 //! train and test have the same `truth/field.csv`.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-use scoring::evaluate::field::true_field;
+use scoring::evaluate::field::{squares, true_field};
 use scoring::evaluate::gate::Gate;
 use scoring::evaluate::matching::{Cost, optimal};
 use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint};
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Conventions, FlowVector};
-use storage::dataset::manifest::ScoringGates;
+use storage::dataset::manifest::{ResultKind, ScoringGates};
 use storage::dataset::{FieldRow, RecordingFacts, Row};
 use storage::error::Result;
 
@@ -95,6 +95,17 @@ pub(super) fn particles(train: &Path, test: &Path) -> Result<Option<Shared>> {
     }
     let by_chance = control.iter().sum::<f64>() / control.len() as f64;
     Ok(Some(Shared { found: matched([0.0; 2])?, by_chance, tracks: lengths.len() }))
+}
+
+/// Number of tracks or squares of nodes over which scores of the test split can be averaged.
+pub(super) fn units(test: &Path, scored: &[ResultKind]) -> Result<usize> {
+    if scored == [ResultKind::Fields] {
+        let truth = true_field::of_dataset(test, None)?;
+        return Ok(truth.fields.first().map_or(0, |(_, field)| squares(field, &truth.facts)));
+    }
+    let truth = TrueParticles::read(test, &Conventions::default())?;
+    let rows = truth.rows.iter().enumerate().filter(|(i, _)| truth.is_scored(*i, 0.0));
+    Ok(rows.map(|(_, row)| row.track).collect::<HashSet<_>>().len())
 }
 
 /// The default gate with which the split is scored.

@@ -25,7 +25,7 @@ use storage::error::{Error, Result};
 pub(super) const FOLDER: &str = "for_team";
 
 /// Minimum number of particles or squares over which scores are averaged.
-const FEWEST: usize = 20;
+pub(crate) const FEWEST: usize = 20;
 
 /// Number of significant digits.
 const DIGITS: usize = 3;

@@ -33,7 +33,7 @@ pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 use files::UNITS;
 pub use fit_page::fit_page;
-pub(crate) use for_team::{published_files, redacted};
+pub(crate) use for_team::{FEWEST, published_files, redacted};
 pub use leaderboard::Entry;
 pub(crate) use log_axis::is_logarithmic;
 pub(crate) use page::document;

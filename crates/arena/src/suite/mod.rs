@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 pub use check::{Checked, check};
 pub use metrics::MetricValue;
 pub use page::{Annotations, page};
-pub use release::{SuiteReleaseOptions, published_test, release, suite_template};
+pub use release::{BASELINES, SuiteReleaseOptions, published_test, release, suite_template};
 
 use crate::report;
 use entry::Entry;

@@ -21,8 +21,11 @@ use serde_json::json;
 use super::site::{link, of_track, ranks};
 use super::{PAGE, RESULT};
 use crate::package::Package;
+use crate::release::existing::{self, remove_if_there};
 use crate::release::submission::{SUBMISSION, results_header, template};
-use crate::release::{Deadline, Publication, ReleaseOptions, Released, release as release_dataset};
+use crate::release::{
+    Deadline, Publication, ReleaseOptions, Released, check_deadline, release as release_dataset,
+};
 use crate::report::document;
 use generator::runner::{Progress, RECORD, SuiteRecord, SuiteSelection, check_rules};
 use scenario::{Split, Suite, SuiteCase, TrackSpec};
@@ -37,6 +40,8 @@ static KIT: Dir<'static> = include_dir!("$MICROSIG_KIT");
 
 /// Folder to be published.
 const PUBLIC: &str = "public";
+/// Folder of the results of baselines, `METHOD/TRACK/CASE/results.csv`.
+pub const BASELINES: &str = "baselines";
 /// Folder of the leaderboard beside the page.
 const BOARD: &str = "board";
 
@@ -103,8 +108,17 @@ pub fn release(
     }
     std::fs::create_dir_all(&options.out).map_err(Error::write(&options.out))?;
     save_changed(&path, &bytes(&record)?)?;
+    if options.force && options.new_keys {
+        // Before the first is replaced, so that a run that continues replaces all. The page comes back last.
+        check_deadline(options.deadline)?;
+        chosen.iter().try_for_each(|case| existing::replace(&options.out.join(case.folder())))?;
+        remove_if_there(&options.out.join(PUBLIC).join(PAGE))?;
+    }
     let mut released = Vec::new();
     for case in chosen {
+        if !existing::is_made(&options.out.join(case.folder())) {
+            forget_baselines(&options.out, &case)?;
+        }
         let one = release_dataset(
             &datasets.join(case.split_folder(Split::Train)),
             &of_case(suite, &case, options)?,
@@ -116,6 +130,12 @@ pub fn release(
     }
     publish(suite, &record, options)?;
     Ok(released)
+}
+
+/// Removes the results of baselines for images that are to be replaced.
+fn forget_baselines(out: &Path, case: &SuiteCase) -> Result<()> {
+    let Ok(methods) = std::fs::read_dir(out.join(BASELINES)) else { return Ok(()) };
+    methods.flatten().try_for_each(|method| remove_if_there(&method.path().join(case.folder()).join(RESULT)))
 }
 
 fn of_case(suite: &Suite, case: &SuiteCase, options: &SuiteReleaseOptions) -> Result<ReleaseOptions> {
@@ -186,12 +206,8 @@ fn publish(suite: &Suite, record: &SuiteRecord, options: &SuiteReleaseOptions) -
         let to = folder.subfolder(&case.folder())?;
         for file in package.paths() {
             // Placed again: a challenge may have been replaced.
-            match std::fs::remove_file(to.join(&file)) {
-                Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(Error::write(&to.join(&file))(e));
-                }
-                _ => to.place(&file, &from.join(&file), true)?,
-            };
+            remove_if_there(&to.join(&file))?;
+            to.place(&file, &from.join(&file), true)?;
         }
         let files = package.fingerprints()?;
         cases.push(Packages { case, files });

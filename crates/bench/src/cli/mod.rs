@@ -204,7 +204,13 @@ impl Cli {
             .build_global()
             .map_err(|e| Error::input(format!("--threads {}: {e}", common.threads)))?;
         clean_up_on_signals(|is_resumable| {
-            let hint = if is_resumable { "; --resume continues this run" } else { "" };
+            // Which --resume continues, but does not begin.
+            let instead = std::env::args_os().any(|argument| argument == "--new-keys");
+            let hint = match (is_resumable, instead) {
+                (false, _) => "",
+                (true, false) => "; --resume continues this run",
+                (true, true) => "; --resume instead of --force --new-keys continues this run",
+            };
             let _ = writeln!(std::io::stderr().lock(), "interrupted{hint}");
         })?;
         let folder = if verb.keeps_tables() { TableFolder::of_user()? } else { None };

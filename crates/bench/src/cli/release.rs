@@ -69,12 +69,13 @@ pub(super) struct Release {
     /// Author to cite, as `Family, Given` or the name of a group; may be repeated
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
-    /// Leave a finished release of this dataset unchanged
+    /// Continue an interrupted run, also one with --force and --new-keys; a finished release of this dataset is
+    /// left unchanged
     #[arg(long)]
     resume: bool,
     /// With --force: replace a challenge and draw a new secret key, which invalidates everything published of
     /// it
-    #[arg(long)]
+    #[arg(long, conflicts_with = "resume")]
     new_keys: bool,
     /// Version of the challenge [default: 1.0.0]
     #[arg(long, value_name = "TEXT")]

@@ -13,7 +13,7 @@ use super::shard::ShardOption;
 use super::track::methods;
 use arena::release::{Deadline, Released};
 use arena::suite::{
-    RESULT, ScoreOptions, SuiteReleaseOptions, published_test, release, score, suite_template,
+    BASELINES, RESULT, ScoreOptions, SuiteReleaseOptions, published_test, release, score, suite_template,
 };
 use generator::runner::{
     Frozen, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
@@ -193,12 +193,13 @@ struct Release {
     /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
     #[arg(long, value_name = "DATE")]
     deadline: Option<Deadline>,
-    /// Continue an interrupted run; finished challenges keep their secret keys
+    /// Continue an interrupted run, also one with --force and --new-keys; finished challenges keep their secret
+    /// keys
     #[arg(long)]
     resume: bool,
     /// With --force: replace challenges and draw new secret keys, which invalidates everything published of
     /// them
-    #[arg(long)]
+    #[arg(long, conflicts_with = "resume")]
     new_keys: bool,
     /// Also write a bundle for the Codabench platform for each case
     #[arg(long)]
@@ -492,7 +493,7 @@ impl Release {
         released: &[(SuiteCase, Option<Released>)],
         common: &Common,
     ) -> Result<()> {
-        let folder = self.out.join("baselines").join(method);
+        let folder = self.out.join(BASELINES).join(method);
         let mut ran = false;
         for (case, one) in released {
             let out = folder.join(case.folder()).join(RESULT);

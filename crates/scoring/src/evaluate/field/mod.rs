@@ -29,7 +29,7 @@ pub use compared::ComparedVector;
 pub use ensemble::EnsembleErrors;
 pub use errors::{ComponentErrors, FieldErrors, VectorUncertainty};
 pub use gradients::Gradients;
-pub use nodes::NodeErrors;
+pub use nodes::{NodeErrors, squares};
 pub use peak_locking::PeakLocking;
 pub use spectrum::{SpectralPoint, Spectrum};
 use true_field::{Displacement, TrueFields};

@@ -145,6 +145,17 @@ pub(super) fn block(at_px: f64) -> u32 {
     (at_px / BLOCK_PX) as u32
 }
 
+/// Number of squares with reference nodes, from the first image pair: the most that a result can cover.
+pub fn squares(truth: &TrueField, facts: &RecordingFacts) -> usize {
+    let (columns, rows) = truth.nodes();
+    let (columns, rows) =
+        (inner(columns, facts.sensor_px.map(|s| s.0)), inner(rows, facts.sensor_px.map(|s| s.1)));
+    let pair = truth.pairs().next().flatten();
+    let nodes = rows.iter().flat_map(|y| columns.iter().map(move |x| (*x, *y)));
+    let known = nodes.filter(|(x, y)| truth.of_pair(pair, *x, *y).is_some());
+    known.map(|(x, y)| [block(x), block(y)]).collect::<BTreeSet<_>>().len()
+}
+
 /// RMS of the true displacement about its mean over all reference nodes: the error of the best constant.
 fn spread_px(truth: &TrueField, pairs: &[Option<u32>], columns: &[f64], rows: &[f64]) -> Option<f64> {
     let pairs = if truth.needs_pairs() { pairs } else { &pairs[..pairs.len().min(1)] };
