@@ -1,6 +1,7 @@
 //! The rules of a suite from its file to every place where results are scored: generated suite, release, `evaluate`, kit,
 //! Codabench; and which truth a submission belongs to.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -255,6 +256,13 @@ fn results_for_other_images_are_refused_by_name() {
         let message = fail(2, &["check-submission", path(&c.team), path(&folder)]);
         assert!(message.contains(expected), "{name}: {message}");
     }
+    // An archive of the name of another entry is refused alone.
+    fs::copy(results.join("broken.zip"), results.join("good.zip")).unwrap();
+    let same = score("odpc1", &c.out, &results, &place.path().join("same"));
+    assert_eq!(result(&same, case, "good")["status"], "scored");
+    let reason = result(&same, case, "good (3)")["reason"].as_str().unwrap();
+    assert!(reason.contains("good.zip: another tracker has this name"), "{reason}");
+    fs::remove_file(results.join("good.zip")).unwrap();
     // Against the truth of the generated suite, nothing counts.
     let other = score("odpc1", &c.datasets, &results, &place.path().join("other"));
     assert_eq!(result(&other, case, "good")["status"], "refused", "{other}");
@@ -316,10 +324,18 @@ fn nothing_withheld_is_in_the_folder_to_be_published() {
     }
     // Checksums of all that is there, and what the page links to.
     let sums = fs::read_to_string(public.join("SHA256SUMS")).unwrap();
-    for line in sums.lines() {
-        let (hash, file) = line.split_once("  ").unwrap();
-        assert_eq!(suite::sha256(&public.join(file)).unwrap(), hash, "{file}");
+    let (mut archives, mut in_one_folder) = (BTreeSet::new(), BTreeSet::new());
+    for (hash, file) in sums.lines().map(|line| line.split_once("  ").unwrap()) {
+        let path = public.join(file);
+        let name = path.file_name().unwrap().to_str().unwrap();
+        if name.ends_with(".zip") && !path.is_file() {
+            in_one_folder.insert((hash, name.to_owned()));
+            continue;
+        }
+        archives.extend((name.ends_with(".zip") && file.contains('/')).then(|| (hash, name.to_owned())));
+        assert_eq!(suite::sha256(&path).unwrap(), hash, "{file}");
     }
+    assert!(archives == in_one_folder && archives.len() == 3 * c.cases.len(), "also by name alone");
     let page = fs::read_to_string(public.join("index.html")).unwrap();
     for target in page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()) {
         assert!(target.starts_with("board/") || public.join(target).is_file(), "{target}");

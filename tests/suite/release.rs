@@ -166,22 +166,11 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     );
     // A replacement that is interrupted is continued, and not taken for a finished challenge.
     let (before, mark) = (key(), place.path().join(".out.new-keys"));
-    kill_when(&replace, || mark.exists());
+    crate::command::kill_when(&replace, || mark.exists());
     assert!(fail(2, &release).contains("was interrupted: --resume continues it"));
     run(&[&release[..], &["--resume"]].concat());
     assert!(key() != before && !mark.exists());
     assert!(run(&[&release[..], &["--resume"]].concat()).contains("already exists"));
-}
-
-/// Starts the command, and ends it without a warning as soon as `is_time`.
-pub(crate) fn kill_when(arguments: &[&str], is_time: impl Fn() -> bool) {
-    let mut killed =
-        suite::microsig::microsig().args(arguments).stdout(std::process::Stdio::null()).spawn().unwrap();
-    while !is_time() && killed.try_wait().unwrap().is_none() {
-        std::thread::sleep(std::time::Duration::from_millis(2));
-    }
-    killed.kill().unwrap();
-    killed.wait().unwrap();
 }
 
 /// A submission that contains the truth.

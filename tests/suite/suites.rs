@@ -429,6 +429,13 @@ fn check_site(place: &Path, all: &[&str], (results, out): (&Path, &Path)) {
     assert_eq!(are_left(), [true; 2]);
     run(&with_site);
     assert_eq!(are_left(), [false; 2]);
+    // A site whose scores were not placed, because the run was interrupted, is replaced.
+    std::fs::remove_dir_all(out).unwrap();
+    let again = [all, &["--site", path(&site)]].concat();
+    assert!(fail(2, &again).contains("site: already exists; --force replaces it"));
+    std::fs::write(site.join(".unfinished"), "").unwrap();
+    run(&again);
+    assert!(!site.join(".unfinished").exists());
     std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
     std::fs::rename(&site, &copy).unwrap();
     let linked = check_links(&copy);

@@ -4,7 +4,9 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use arena::report::{field_page, fit_page};
-use fit::{FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, LEAST_R2, Scan, Verdict, WaveModel};
+use fit::{
+    FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, LEAST_R2, Scan, Verdict, WaveModel,
+};
 use microsig_core::render::waves::Lens;
 use serde_json::Value;
 use storage::advice;

@@ -67,7 +67,8 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool>
     if options.resume && is_made(out) {
         return belongs(dataset, options).map(|()| true);
     }
-    if !options.resume && !(options.force && options.new_keys) {
+    let may_go_on = options.resume || (options.force && options.new_keys);
+    if !may_go_on {
         if is_replacing(out) {
             let hint = format!(" continues it; to keep the key instead, remove {}", replacing(out).display());
             let what = "its replacement with a new secret key was interrupted: ";

@@ -217,34 +217,32 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     }
     partial.finish(Earlier::new(MARK, replaces))?;
     existing::replaced(&options.out)?;
-    let mut warnings = Vec::new();
-    if of_fields && is_flow_known {
-        warnings.push(
-            "the train split reveals the velocity field of the test split, which does not depend on random numbers; fields are scored \
-            nevertheless, as README.md states; a different flow can be set for the test split"
-                .to_owned(),
-        );
-    } else if is_flow_known {
-        warnings.push(
-            "the train split reveals the velocity field of the test split, which does not depend on random numbers; submissions of fields are \
-            refused; a different flow can be set for the test split"
-                .to_owned(),
-        );
-    }
-    // Half of them may be missed.
-    if units < 2 * FEWEST {
-        warnings.push(few(units, of_fields));
-    }
     Ok(Some(Released {
         out: options.out.clone(),
         name: name.clone(),
         deadline: options.deadline.map(|deadline| deadline.to_string()),
         scored,
-        warnings,
+        warnings: warnings(of_fields, is_flow_known, units),
         images: [&train.scenario, &val, &test].map(|s| s.recordings.frames()),
         commitment,
         seconds: start.elapsed().as_secs_f64(),
     }))
+}
+
+/// What an organizer should know.
+fn warnings(of_fields: bool, is_flow_known: bool, units: usize) -> Vec<String> {
+    let known = "the train split reveals the velocity field of the test split, which does not depend on random numbers";
+    let change = "a different flow can be set for the test split";
+    let mut warnings = match (is_flow_known, of_fields) {
+        (false, _) => Vec::new(),
+        (true, true) => {
+            vec![format!("{known}; fields are scored nevertheless, as README.md states; {change}")]
+        }
+        (true, false) => vec![format!("{known}; submissions of fields are refused; {change}")],
+    };
+    // Half of them may be missed.
+    warnings.extend((units < 2 * FEWEST).then(|| few(units, of_fields)));
+    warnings
 }
 
 /// Refuses a deadline that has passed.

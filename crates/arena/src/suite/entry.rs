@@ -25,7 +25,7 @@ pub(super) struct Entry {
     /// The folder with the tracks.
     pub(super) folder: PathBuf,
     /// Path of that folder or archive in messages.
-    given: PathBuf,
+    pub(super) given: PathBuf,
     /// The contents of `submission.json`.
     about: Option<Submission>,
     /// Why nothing of it can be scored.
@@ -61,9 +61,14 @@ impl Entry {
         Ok(Entry { fault, ..entry })
     }
 
+    /// Whether it is an archive.
+    pub(super) fn is_archive(&self) -> bool {
+        self._unpacked.is_some()
+    }
+
     /// Whether it states what was sent, so that its faults are a team's.
     pub(super) fn is_submission(&self) -> bool {
-        self._unpacked.is_some() || self.about.is_some() || self.fault.is_some()
+        self.is_archive() || self.about.is_some() || self.fault.is_some()
     }
 
     /// Refuses it if it was written or received after the deadline.

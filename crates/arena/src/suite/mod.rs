@@ -249,11 +249,16 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))? + "\n";
     partial.folder().save_bytes(SUITE_SCORES, &json)?;
     partial.folder().save_bytes(PAGE, page(&scores, &more)?)?;
-    if let Some(site) = site {
-        let more = Annotations { reports: site.reports().clone(), is_site: true, ..more };
-        site.finish(&rules(suite, &scores, is_released), &page(&scores, &more)?, [&csv, json.as_bytes()])?;
+    let place_scores = || partial.finish(earlier);
+    match site {
+        None => place_scores()?,
+        Some(site) => {
+            let more = Annotations { reports: site.reports().clone(), is_site: true, ..more };
+            let index = page(&scores, &more)?;
+            let rules = rules(suite, &scores, is_released);
+            site.finish(&rules, &index, [&csv, json.as_bytes()], place_scores)?;
+        }
     }
-    partial.finish(earlier)?;
     Ok(scores)
 }
 
@@ -337,8 +342,17 @@ fn entries(results: &[PathBuf], suite: (&SuiteRecord, &Path, &[String]), late: b
         if !late {
             entry.refuse_late(record.deadline.as_deref(), path);
         }
-        if entries.iter().any(|other| other.name == entry.name) {
-            problems.push(format!("{}: another tracker has this name", path.display()));
+        if let Some(other) = entries.iter().position(|other| other.name == entry.name) {
+            // An archive that was sent rather than a folder, such as that of a baseline.
+            let n = entries.len() + 1;
+            let again = if entry.is_archive() { &mut entry } else { &mut entries[other] };
+            let problem = format!("{}: another tracker has this name; rename it", again.given.display());
+            if again.is_archive() {
+                again.name = format!("{} ({n})", again.name);
+                again.fault = Some(problem);
+            } else {
+                problems.push(problem);
+            }
         }
         entries.push(entry);
     }

@@ -219,6 +219,9 @@ fn publish(suite: &Suite, record: &SuiteRecord, options: &SuiteReleaseOptions) -
     let mut sums = own.fingerprints()?;
     for Packages { case, files } in &cases {
         sums.extend(files.iter().map(|(file, of)| (format!("{}/{file}", case.folder()), *of)));
+        // Once more for those who download archives into one folder; their names are unique.
+        let archives = files.iter().filter(|(file, _)| file.ends_with(".zip"));
+        sums.extend(archives.map(|(file, of)| (file.clone(), *of)));
     }
     own.write(SHA256SUMS, checksums::write(&sums));
     own.unpack(&folder)?;
@@ -247,7 +250,7 @@ fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages], options: &Suite
         @if let Some(day) = &record.deadline { p { b { "Deadline: " (day) } ", " (crate::release::UNTIL) "." } }
         p { a href=(format!("{BOARD}/{PAGE}")) { "Leaderboard" } ", with the scores of baselines; it exists as soon as the organizers have scored them." }
         h2 { "Data" }
-        p { "The table has the number of image pairs, frames or bursts of each split, and the size of its archive. Check downloaded files with " code { "sha256sum -c --ignore-missing SHA256SUMS" } " (" a href=(SHA256SUMS) { "SHA256SUMS" } "). A copy of all: "
+        p { "The table has the number of image pairs, frames or bursts of each split, and the size of its archive. Check downloaded files with " code { "sha256sum -c --ignore-missing SHA256SUMS" } " (" a href=(SHA256SUMS) { "SHA256SUMS" } "), archives in one folder or in those of the server. A copy of all: "
             code { "wget --recursive --no-parent --no-host-directories ADDRESS" } "." }
         div.scroll { table.board {
             tr { th { "track" } th { "case" } th { "train" } th { "val" } th { "test" } th { "about" } }
@@ -255,7 +258,7 @@ fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages], options: &Suite
         } }
         h2 { "Taking part" }
         ol {
-            li { "Download " a href=(RECORD) { (RECORD) } " and the archives into a folder, and unpack them there. Each has a README.md that states axes, units and files." }
+            li { "Download " a href=(RECORD) { (RECORD) } ", " a href=(SHA256SUMS) { (SHA256SUMS) } " and the archives into a folder, check them, and unpack them there. Each has a README.md that states axes, units and files." }
             li { "Choose parameters on train and val. Run your method on the images of each test split, and write " code { "RESULTS/TRACK/CASE/results.csv" } ". Cases may be left out: they count as behind all others." }
             li { "Copy " code { "submission.json" } " from " a href=("example.zip") { "example.zip" } " to " code { "RESULTS" } " and fill it in. A submission of another suite, version or size is refused." }
             li { "Check and pack it with " a href=("kit.zip") { "kit.zip" } ", which also has programs to start from: in Python " code { "python kit/python/pack.py FOLDER RESULTS team.zip" }

@@ -11,7 +11,7 @@
 //! [`report::published`], so a withheld truth stays withheld.
 
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use maud::{Markup, html};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
@@ -22,7 +22,7 @@ use scenario::{Suite, TrackSpec};
 use scoring::evaluate::Evaluation;
 use scoring::ranking::{Better, ScoreDef, ranks_fields};
 use storage::dataset::manifest::ScoringGates;
-use storage::error::Result;
+use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 
 /// Name of the page with the rules.
@@ -31,9 +31,13 @@ pub(super) const RULES: &str = "rules.html";
 /// Characters of a path that stay as they are in a link.
 const PATH: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'_').remove(b'.').remove(b'~').remove(b'/');
 
+/// File of a site whose scores have not been placed yet: the next run replaces what an interrupted one left.
+const UNFINISHED: &str = ".unfinished";
+
 /// A site under construction.
 #[derive(Debug)]
 pub(super) struct Site {
+    folder: PathBuf,
     partial: Partial,
     earlier: Earlier,
     /// Paths of the reports.
@@ -56,9 +60,10 @@ impl Site {
     /// # Errors
     /// An existing folder, unless it is a site and `force`.
     pub(super) fn start(folder: &Path, force: bool) -> Result<Self> {
-        let earlier = Earlier::new(RULES, force);
+        let earlier = Earlier::new(RULES, force || folder.join(UNFINISHED).is_file());
         check_replaceable(folder, earlier)?;
-        Ok(Site { partial: Partial::start(folder)?, earlier, reports: BTreeSet::new() })
+        let partial = Partial::start(folder)?;
+        Ok(Site { folder: folder.to_owned(), partial, earlier, reports: BTreeSet::new() })
     }
 
     /// Adds the files of a result, `TRACKER/TRACK/CASE`.
@@ -76,8 +81,14 @@ impl Site {
         &self.reports
     }
 
-    /// Adds the pages and tables, and gives the folder its name.
-    pub(super) fn finish(self, rules: &str, index: &str, tables: [&[u8]; 2]) -> Result<()> {
+    /// Adds the pages and tables, gives the folder its name, and then places the scores.
+    pub(super) fn finish(
+        self,
+        rules: &str,
+        index: &str,
+        tables: [&[u8]; 2],
+        place_scores: impl FnOnce() -> Result<()>,
+    ) -> Result<()> {
         let folder = self.partial.folder();
         let [csv, json] = tables;
         for (name, bytes) in [
@@ -88,7 +99,11 @@ impl Site {
         ] {
             folder.save_bytes(name, bytes)?;
         }
-        self.partial.finish(self.earlier)
+        folder.save_bytes(UNFINISHED, b"")?;
+        self.partial.finish(self.earlier)?;
+        place_scores()?;
+        let mark = self.folder.join(UNFINISHED);
+        std::fs::remove_file(&mark).map_err(Error::write(&mark))
     }
 }
 
