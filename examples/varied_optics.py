@@ -97,14 +97,16 @@ def main():
 def plot(rows, path):
     import matplotlib.pyplot as plt
 
-    plt.rcParams.update({"font.size": 8, "svg.hashsalt": "microsig"})
+    plt.rcParams.update({"font.size": 8, "svg.hashsalt": "microsig", "svg.fonttype": "none"})
     figure, axes = plt.subplots(figsize=(3.35, 2.7), layout="constrained")
     lines = {"fixed": ("--", "#b35900"), "varied": ("-", "#0b5ea8")}
     for name, (style, color) in lines.items():
         for aperture, marker in zip(HELD_OUT, "so^"):
-            own = [(samples, rms) for kind, samples, na, rms in rows if kind == name and na == aperture]
+            own = [(samples / 1000, rms) for kind, samples, na, rms in rows if kind == name and na == aperture]
             axes.plot(*zip(*own), style, color=color, marker=marker, markersize=3, linewidth=1, label=f"{name}, NA {aperture}")
-    axes.set(xlabel="training samples", ylabel="RMS error of z, um", yscale="log")
+    axes.set(xlabel="training samples, thousands", ylabel="RMS error of z, um", yscale="log")
+    axes.set_yticks([2, 3, 5, 10], ["2", "3", "5", "10"])
+    axes.minorticks_off()
     figure.legend(fontsize=6.5, ncols=2, loc="outside lower center", frameon=False)
     figure.savefig(path, metadata={"Date": None})
 
