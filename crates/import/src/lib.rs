@@ -195,7 +195,7 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
         let [own, scan] = [written.background[0], noise.background_counts];
         if (own - scan).abs() > deviation {
             written.warnings.push(format!(
-                "the background is {own:.1} counts, that of the scan {scan:.1}: stray light, particles far from focus or another \
+                "the background is {own:.1} counts, in the scan {scan:.1}: stray light, particles far from focus or another \
                  offset add noise that the scan does not show"
             ));
         }

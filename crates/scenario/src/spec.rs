@@ -332,7 +332,7 @@ fn units_and_ranges(schema: &mut schemars::Schema) {
         let (Some(key), Some(site)) = (KEYS.iter().find(|key| key.name == name), site.as_object_mut()) else {
             continue;
         };
-        site.insert("x-default".to_owned(), "that of the preset".into());
+        site.insert("x-default".to_owned(), "from the preset".into());
         // A key of the scenario may be bounded more closely. The type of whole numbers says that they are >= 0.
         let bounds = ["minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum"];
         let of_type = key.is_whole.then(|| Value::from(0));

@@ -250,7 +250,7 @@ fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages], options: &Suite
         @if let Some(day) = &record.deadline { p { b { "Deadline: " (day) } ", " (crate::release::UNTIL) "." } }
         p { a href=(format!("{BOARD}/{PAGE}")) { "Leaderboard" } ", with the scores of baselines; it exists as soon as the organizers have scored them." }
         h2 { "Data" }
-        p { "The table has the number of image pairs, frames or bursts of each split, and the size of its archive. Check downloaded files with " code { "sha256sum -c --ignore-missing SHA256SUMS" } " (" a href=(SHA256SUMS) { "SHA256SUMS" } "), archives in one folder or in those of the server. A copy of all: "
+        p { "The table has the number of image pairs, frames or bursts of each split, and the size of its archive. Check downloaded files with " code { "sha256sum -c --ignore-missing SHA256SUMS" } " (" a href=(SHA256SUMS) { "SHA256SUMS" } "), with the archives in one folder or in the folders of the server. A copy of everything: "
             code { "wget --recursive --no-parent --no-host-directories ADDRESS" } "." }
         div.scroll { table.board {
             tr { th { "track" } th { "case" } th { "train" } th { "val" } th { "test" } th { "about" } }

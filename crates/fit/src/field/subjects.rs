@@ -17,7 +17,7 @@ const MOST: usize = 40;
 /// Number of planes that are used.
 const PLANES: usize = 17;
 
-/// The particles that are fitted, of so many first candidates, nearest to the center first, and the number of those that
+/// The particles that are fitted, chosen from the first candidates nearest to the center, and the number of those that
 /// could be.
 pub(super) fn of<'a>(
     scan: &Scan,

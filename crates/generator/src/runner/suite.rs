@@ -162,7 +162,7 @@ pub fn check_rules(case: &SuiteCase, dataset: &Path, stated: bool) -> Result<()>
         None if !stated => Ok(()),
         Some(rules) if rules == case.rules => Ok(()),
         _ => {
-            let what = "its gates and scores are not those of the suite; generate it again";
+            let what = "its gates and scores differ from the suite's; generate it again";
             Err(Error::input(format!("{}: {what}", dataset.display())))
         }
     }

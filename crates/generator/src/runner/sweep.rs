@@ -26,7 +26,7 @@ use storage::{Error, Result, advice, read_text, save_bytes, save_changed};
 /// Name of the table of a sweep's cases, beside their folders.
 pub const CASES: &str = "cases.csv";
 
-/// The columns before those of the axes, which are followed by [`Outcome::COLUMNS`].
+/// The columns before the axes, which are followed by [`Outcome::COLUMNS`].
 const BEFORE_AXES: [&str; 4] = ["case", "dataset", "repetition", "seed"];
 
 /// Options of [`sweep`].

@@ -114,12 +114,11 @@ pub fn of_scenario(
     let bounds = (0..all.len()).into_par_iter().map(|k| images.bound(k, &noise));
     let bounds: Vec<[Option<f64>; 3]> = bounds.collect();
     let mut bins: Vec<BoundBin> = all.iter().zip(bounds).map(|(bin, bound)| bin_of(bin, bound)).collect();
-    if has_diameters && let Images::Drawn { images, depth_factor } = &images {
-        let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings, &scenario.context)?;
+    if has_diameters && let Images::Drawn { images, renderer, depth_factor } = &images {
         let [smaller, larger] = [1.0 - DIAMETER_STEP, 1.0 + DIAMETER_STEP].map(|factor| factor * d_um);
         let bound = |(bin, base): (&mut BoundBin, &Option<Gradient>)| {
             let z_um = bin.z_um / depth_factor;
-            let [low, high] = [image(&renderer, smaller, z_um)?, image(&renderer, larger, z_um)?];
+            let [low, high] = [image(renderer, smaller, z_um)?, image(renderer, larger, z_um)?];
             let images = base.as_ref().zip(low).zip(high);
             bin.crlb_d_um = images.and_then(|((base, low), high)| {
                 diameter_bound(base, [&low, &high], larger - smaller, &noise)
@@ -136,7 +135,7 @@ enum Images {
     /// Gaussian particle images, of a diameter (um).
     Spots(spec::Gaussian, f64),
     /// The other ones, with a depth in um per unit of their derivative.
-    Drawn { images: Vec<Option<Gradient>>, depth_factor: f64 },
+    Drawn { images: Vec<Option<Gradient>>, renderer: Box<Renderer>, depth_factor: f64 },
 }
 
 impl Images {
@@ -147,7 +146,8 @@ impl Images {
         let depth_factor = scenario.depth_factor();
         let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings, &scenario.context)?;
         let images = depths_um.par_iter().map(|z_um| image(&renderer, d_um, z_um / depth_factor));
-        Ok(Images::Drawn { images: images.collect::<Result<_>>()?, depth_factor })
+        let images = images.collect::<Result<_>>()?;
+        Ok(Images::Drawn { images, renderer: Box::new(renderer), depth_factor })
     }
 
     /// The bound x px, y px, z um of the `k`-th image.
@@ -156,7 +156,7 @@ impl Images {
             Images::Spots(spot, d_um) => {
                 of_spot(*spot, noise, *d_um).map_or([None; 3], |[x, y]| [Some(x), Some(y), None])
             }
-            Images::Drawn { images, depth_factor } => {
+            Images::Drawn { images, depth_factor, .. } => {
                 let bound = images[k].as_ref().and_then(|image| bound(image, noise));
                 bound.map_or([None; 3], |[x, y, z]| [Some(x), Some(y), Some(z * depth_factor)])
             }
@@ -206,7 +206,7 @@ pub struct DepthBound {
     pub is_determined: bool,
 }
 
-/// Standard deviations between two images that are told apart with 95 % probability: twice the 95 % quantile of the
+/// Distance, in standard deviations, at which two images are distinguished with 95 % probability: twice the 95 % quantile of the
 /// normal distribution.
 const TOLD_APART: f64 = 3.29;
 
@@ -265,7 +265,7 @@ impl DepthBounds {
 impl Images {
     /// Whether z is determined at each depth, see [`DepthBounds::determined_um`].
     fn determined(&self, depths_um: &[f64], noise: &[(f64, Vec<Noise>)]) -> Vec<bool> {
-        let (Images::Drawn { images, depth_factor }, [low, .., high]) = (self, depths_um) else {
+        let (Images::Drawn { images, depth_factor, .. }, [low, .., high]) = (self, depths_um) else {
             return vec![false; depths_um.len()];
         };
         if low >= high {
