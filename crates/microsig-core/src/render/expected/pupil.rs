@@ -56,7 +56,7 @@ impl PupilView {
     }
 }
 
-/// [`Pupil::reach`] in so many steps for tables and fits.
+/// Number of steps of [`Pupil::reach`] for tables and fits.
 pub(super) const REACH_STEPS: u32 = 64;
 
 /// The optical system and the pixel size of the sensor.
