@@ -296,7 +296,7 @@ fn another_background_than_that_of_the_scan_is_said() {
         let arguments = recording.arguments("run.tif", "scan.tif", &["--force"]);
         let made = json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
         let said = made["warnings"].to_string();
-        assert_eq!(said.contains("that of the scan"), is_said, "{said}");
+        assert_eq!(said.contains("in the scan 14.0"), is_said, "{said}");
     }
 }
 
