@@ -16,25 +16,16 @@ mod stream;
 mod tables;
 mod verbs;
 
-use pyo3::prelude::*;
-use std::io::Write;
+use std::ffi::OsString;
 
-use bench::cli::{Cli, printable};
-use clap::Parser;
+use bench::cli::Cli;
+use pyo3::prelude::*;
 
 /// Runs the `microsig` command with these arguments, the first being the program's name; returns its exit
 /// code.
 #[pyfunction]
-fn command(py: Python<'_>, arguments: Vec<String>) -> u8 {
-    py.detach(|| match Cli::parse_from(arguments).run() {
-        Ok(()) => 0,
-        Err(e) => {
-            let mut stderr = std::io::stderr().lock();
-            // If standard error is closed, only the exit code reports the error.
-            let _ = e.messages().iter().try_for_each(|text| writeln!(stderr, "error: {}", printable(text)));
-            e.exit_code()
-        }
-    })
+fn command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+    py.detach(|| Cli::run(arguments))
 }
 
 /// The functions on which `microsig/*.py` is built.

@@ -22,7 +22,7 @@ pub(super) struct Completions {
 }
 
 impl Completions {
-    pub(super) fn run(&self) -> Result<()> {
+    pub(super) fn run(&self, _: &Common) -> Result<()> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut Cli::command(), "microsig", &mut script);
         storage::print(&script)
@@ -39,7 +39,7 @@ pub(super) struct Man {
 }
 
 impl Man {
-    pub(super) fn run(&self) -> Result<()> {
+    pub(super) fn run(&self, _: &Common) -> Result<()> {
         std::fs::create_dir_all(&self.out).map_err(Error::write(&self.out))?;
         clap_mangen::generate_to(Cli::command(), &self.out).map_err(Error::write(&self.out))
     }

@@ -31,7 +31,7 @@ pub(super) struct Generate {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 impl Generate {

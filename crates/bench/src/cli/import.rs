@@ -90,7 +90,7 @@ pub(super) struct Import {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 impl Import {

@@ -1,6 +1,6 @@
 //! The `microsig` command: one file per verb, with its arguments and its action.
 //!
-//! A new verb needs a file here and a line in each of the two lists below.
+//! A new verb needs a file here and a line in each of two lists: of modules, and of [`Verb`].
 
 mod about;
 mod argument;
@@ -40,7 +40,7 @@ pub(crate) use argument::output;
 pub(crate) use choice::choice;
 pub use choice::{Variants, variant, variants};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::Context;
 use options::ProgressStyle;
 use output::Caller;
@@ -109,94 +109,78 @@ struct Common {
     context: Context,
 }
 
-/// The verbs; the help of each is the documentation of its arguments.
-#[derive(Debug, Subcommand)]
-enum Verb {
-    Render(render::Render),
-    Generate(generate::Generate),
-    Sweep(sweep::Sweep),
-    Suite(suite::Suite),
-    Verify(verify::Verify),
-    #[cfg(feature = "view")]
-    View(view::View),
-    Track(track::Track),
-    Twin(twin::Twin),
-    Evaluate(evaluate::Evaluate),
-    CheckSubmission(check_submission::CheckSubmission),
-    Compare(compare::Compare),
-    Export(export::Export),
-    Release(release::Release),
-    Reveal(reveal::Reveal),
-    Fit(fit::Fit),
-    Import(import::Import),
-    Flows(flows::Flows),
-    New(new::New),
-    Optics(optics::Optics),
-    Schema(about::Schema),
-    Completions(about::Completions),
-    Man(about::Man),
+macro_rules! verbs {
+    ($($(#[$attribute:meta])* $verb:ident($module:ident),)+) => {
+        /// The verbs; the help of each is the documentation of its arguments.
+        #[derive(Debug, Subcommand)]
+        enum Verb {
+            $($(#[$attribute])* $verb($module::$verb),)+
+        }
+
+        impl Verb {
+            fn run(&self, common: &Common) -> Result<()> {
+                match self {
+                    $($(#[$attribute])* Verb::$verb(verb) => verb.run(common),)+
+                }
+            }
+        }
+    };
 }
 
-impl Verb {
-    fn run(&self, common: &Common) -> Result<()> {
-        match self {
-            Verb::Render(verb) => verb.run(common),
-            Verb::Generate(verb) => verb.run(common),
-            Verb::Sweep(verb) => verb.run(common),
-            Verb::Suite(verb) => verb.run(common),
-            Verb::Verify(verb) => verb.run(common),
-            #[cfg(feature = "view")]
-            Verb::View(verb) => verb.run(common),
-            Verb::Track(verb) => verb.run(common),
-            Verb::Twin(verb) => verb.run(common),
-            Verb::Evaluate(verb) => verb.run(common),
-            Verb::CheckSubmission(verb) => verb.run(common),
-            Verb::Compare(verb) => verb.run(common),
-            Verb::Export(verb) => verb.run(common),
-            Verb::Release(verb) => verb.run(common),
-            Verb::Reveal(verb) => verb.run(common),
-            Verb::Fit(verb) => verb.run(common),
-            Verb::Import(verb) => verb.run(common),
-            Verb::Flows(verb) => verb.run(common),
-            Verb::New(verb) => verb.run(common),
-            Verb::Optics(verb) => verb.run(common),
-            Verb::Schema(verb) => verb.run(common),
-            Verb::Completions(verb) => verb.run(),
-            Verb::Man(verb) => verb.run(),
-        }
-    }
+verbs! {
+    Render(render),
+    Generate(generate),
+    Sweep(sweep),
+    Suite(suite),
+    Verify(verify),
+    #[cfg(feature = "view")]
+    View(view),
+    Track(track),
+    Twin(twin),
+    Evaluate(evaluate),
+    CheckSubmission(check_submission),
+    Compare(compare),
+    Export(export),
+    Release(release),
+    Reveal(reveal),
+    Fit(fit),
+    Import(import),
+    Flows(flows),
+    New(new),
+    Optics(optics),
+    Schema(about),
+    Completions(about),
+    Man(about),
+}
 
-    /// Whether image tables are read from the user's cache and stored there. Not by verbs that compute none,
-    /// nor by `fit`, which evaluates many microscopes, each of them once.
-    fn keeps_tables(&self) -> bool {
-        let tables = match self {
-            Verb::Render(verb) => &verb.tables,
-            Verb::Generate(verb) => &verb.tables,
-            Verb::Sweep(verb) => &verb.tables,
-            Verb::Suite(verb) => return verb.keeps_tables(),
-            Verb::Verify(verb) => &verb.tables,
-            #[cfg(feature = "view")]
-            Verb::View(verb) => &verb.tables,
-            Verb::Track(verb) => &verb.tables,
-            Verb::Twin(verb) => &verb.tables,
-            Verb::Evaluate(verb) => &verb.tables,
-            Verb::Release(verb) => &verb.tables,
-            Verb::Import(verb) => &verb.tables,
-            Verb::Optics(verb) => &verb.tables,
-            _ => return false,
-        };
-        tables.are_kept()
+/// Whether image tables are read from the user's cache and stored there: if the verb has the option `--no-cache`, which
+/// is not given. `fit` has none, as it evaluates many microscopes, each of them once.
+fn keeps_tables(matches: &ArgMatches) -> bool {
+    match matches.subcommand() {
+        Some((_, verb)) => keeps_tables(verb),
+        None => matches!(matches.try_get_one("no_cache"), Ok(Some(false))),
     }
 }
 
 impl Cli {
-    /// Runs the verb.
-    pub fn run(mut self) -> Result<()> {
-        let common = &mut self.common;
-        if self.version {
-            return version(common);
+    /// Runs the verb of these arguments, which begin with the name of the program, writes errors to standard error, and
+    /// returns the exit code.
+    pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+        let Err(e) = Cli::result(arguments) else { return 0 };
+        let mut stderr = std::io::stderr().lock();
+        // If standard error is closed, only the exit code reports the error.
+        let _ = e.messages().iter().try_for_each(|text| writeln!(stderr, "error: {}", printable(text)));
+        e.exit_code()
+    }
+
+    fn result(arguments: impl IntoIterator<Item = OsString>) -> Result<()> {
+        let matches = command().get_matches_from(arguments);
+        let Cli { verb, version: is_version, mut common } =
+            Cli::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
+        if is_version {
+            return version(&common);
         }
-        let Some(verb) = &self.verb else {
+        let Some(verb) = verb else {
             Cli::command().error(ErrorKind::MissingSubcommand, "expected a command; see --help").exit()
         };
         rayon::ThreadPoolBuilder::new()
@@ -213,10 +197,10 @@ impl Cli {
             };
             let _ = writeln!(std::io::stderr().lock(), "interrupted{hint}");
         })?;
-        let folder = if verb.keeps_tables() { TableFolder::of_user()? } else { None };
-        let tables = Tables::new(folder, output::progress(common));
+        let folder = if keeps_tables(&matches) { TableFolder::of_user()? } else { None };
+        let tables = Tables::new(folder, output::progress(&common));
         common.context = Context { tables: Some(Arc::new(tables)), ..Context::default() };
-        verb.run(common)
+        verb.run(&common)
     }
 
     /// Runs a verb for a program, in its threads: prints nothing and never exits. A check that failed after
@@ -291,24 +275,11 @@ fn command() -> clap::Command {
     })
 }
 
-fn arguments() -> Cli {
-    Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|e| e.exit())
-}
-
-/// The program: reads the arguments, runs the verb, writes errors to standard error, returns the exit code.
+/// The program.
 pub fn main() -> ExitCode {
     // Before any other thread is started.
     file_size_limits_are_errors();
-    match arguments().run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(e) => {
-            let mut stderr = std::io::stderr().lock();
-            // If standard error is closed, only the exit code reports the error.
-            let messages = e.messages();
-            let _ = messages.iter().try_for_each(|text| writeln!(stderr, "error: {}", printable(text)));
-            ExitCode::from(e.exit_code())
-        }
-    }
+    ExitCode::from(Cli::run(std::env::args_os()))
 }
 
 fn version(common: &Common) -> Result<()> {

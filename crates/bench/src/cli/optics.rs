@@ -41,7 +41,7 @@ pub(super) struct Optics {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 impl Optics {

@@ -85,13 +85,6 @@ pub(super) struct ImageTables {
     no_cache: bool,
 }
 
-impl ImageTables {
-    /// Whether tables are read from the cache and stored there.
-    pub(super) fn are_kept(&self) -> bool {
-        !self.no_cache
-    }
-}
-
 /// How progress is reported.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum ProgressStyle {

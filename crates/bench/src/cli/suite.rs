@@ -226,17 +226,6 @@ impl Suite {
             Action::Release(action) => action.run(common),
         }
     }
-
-    /// See `Verb::keeps_tables`.
-    pub(super) fn keeps_tables(&self) -> bool {
-        let tables = match &self.action {
-            Action::Generate(action) => &action.tables,
-            Action::Check(action) => &action.tables,
-            Action::Release(action) => &action.tables,
-            Action::List(_) | Action::Score(_) => return false,
-        };
-        tables.are_kept()
-    }
 }
 
 impl List {

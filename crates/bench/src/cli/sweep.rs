@@ -46,7 +46,7 @@ pub(super) struct Sweep {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 impl Sweep {

@@ -34,7 +34,7 @@ pub(super) struct Track {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 /// Options of the methods.

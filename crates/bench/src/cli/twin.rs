@@ -37,7 +37,7 @@ pub(super) struct Twin {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 impl Twin {

@@ -20,7 +20,7 @@ pub(super) struct Verify {
     #[arg(long)]
     regenerate: bool,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 impl Verify {

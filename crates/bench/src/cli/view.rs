@@ -45,7 +45,7 @@ pub(super) struct View {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    pub(super) tables: ImageTables,
+    tables: ImageTables,
 }
 
 impl View {
