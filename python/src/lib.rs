@@ -3,7 +3,6 @@
 //!
 //! Names, defaults and documentation for users are in `microsig/*.py`; here arguments are plain and complete.
 
-mod arrow;
 mod columns;
 mod dataset;
 mod fields;
@@ -34,7 +33,7 @@ fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", storage::dataset::manifest::GENERATOR_VERSION)?;
     module.add_function(wrap_pyfunction!(command, module)?)?;
     module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
-    arrow::add(module)?;
+    columns::add(module)?;
     dataset::add(module)?;
     render::add(module)?;
     fields::add(module)?;

@@ -1,7 +1,7 @@
 //! Your own recordings as folders that are read like datasets.
 //!
 //! The images stay as they were recorded (`frames`), the calibration stacks are averages of particles of a
-//! scan (`particles`, `alignment`, `places`), the noise comes from repeated frames of the scan (`noise`), and
+//! scan (`particles`, `alignment`, `places`), the noise comes from its repeated frames (`stacks`), and
 //! the truth is what is known: heights of planes, positions of particles (`known`). Trackers, scores and
 //! views read such a folder as they read a dataset; `kind: recording` in its manifest tells the difference.
 
@@ -14,7 +14,6 @@ mod frames;
 mod known;
 mod located;
 mod manifest;
-mod noise;
 mod optics;
 mod particles;
 mod places;
@@ -178,8 +177,10 @@ pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     spinner.set_message("particles of the scan");
     let mut warnings = scan.as_ref().map_or_else(Vec::new, |(_, scan)| scan.warnings.clone());
     let made = scan.as_ref().map(|(file, scan)| stacks::Stacks::cut(scan, file, options)).transpose()?;
-    let noise =
-        scan.as_ref().zip(made.as_ref()).map(|((_, scan), made)| noise::of_scan(scan, made.background));
+    let noise = scan
+        .as_ref()
+        .zip(made.as_ref())
+        .map(|((_, scan), made)| stacks::noise_of_scan(scan, made.background));
     warnings.extend(made.iter().flat_map(|made| made.warnings.iter().cloned()));
     let model =
         optics.as_ref().zip(made.as_ref()).map(|(optics, made)| optics.at(made, &spinner)).transpose()?;

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use fit::{Level, Scan};
+use fit::{Level, Scan, noise_of_repeats};
 use microsig_core::Particle;
 use microsig_core::formats::tiff::{self, PixelScale, StackPlane};
 use microsig_core::formats::{data_file, settings_file};
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use storage::OutputFolder;
 use storage::advice;
 use storage::advice::{Advice, option};
-use storage::dataset::manifest::PlaceFacts;
+use storage::dataset::manifest::{NoiseFacts, PlaceFacts};
 use storage::dataset::{CalibrationRow, Row, ScanParticleRow, write_table};
 use storage::error::{Error, Result};
 use tracking::GrayImage;
@@ -399,4 +399,22 @@ fn none(name: &str, located: &Located, half: usize, unused: Unused) -> Advice {
         unused.cut, unused.crowded, unused.saturated
     );
     advice!(what, option("window_px"), ", leave out the planes farthest from focus, or reduce the exposure")
+}
+
+/// The noise of a frame of the scan, whose background has this mean and standard deviation.
+pub(crate) fn noise_of_scan(scan: &Scan, background: [f64; 2]) -> NoiseFacts {
+    let repeats = scan.levels().iter().map(|level| level.planes.len()).max().unwrap_or(1) as u32;
+    let (variance, definition) = match noise_of_repeats(scan, background[0]) {
+        Some(variance) => (
+            variance,
+            "variance of each pixel over repeated frames of a plane against its mean signal above the background, fitted \
+             over classes of signal",
+        ),
+        None => (
+            vec![background[1] * background[1]],
+            "variance of the background over pixels; the scan has no repeated frames, which would show how noise grows with \
+             the signal",
+        ),
+    };
+    NoiseFacts { background_counts: background[0], variance, repeats, definition: definition.to_owned() }
 }

@@ -6,7 +6,6 @@
 
 mod check;
 mod entry;
-mod metrics;
 mod page;
 mod participants;
 mod release;
@@ -19,7 +18,6 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use check::{Checked, check};
-pub use metrics::MetricValue;
 pub use page::{Annotations, page};
 pub use release::{BASELINES, SuiteReleaseOptions, published_test, release, suite_template};
 
@@ -27,7 +25,7 @@ use crate::report;
 use entry::Entry;
 use generator::runner::{SuiteRecord, SuiteSelection, check_rules};
 use scenario::{Metric, Size, Split, Suite, SuiteCase};
-use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, UnitScores, evaluate_files};
+use scoring::evaluate::{EvaluateOptions, Evaluation, Score, Truth, UnitScores, evaluate_files};
 use scoring::ranking::{Contestant, Pairs, ScoreDef, pairs, ranks_fields};
 use site::{Site, rules};
 use storage::OutputFolder;
@@ -178,6 +176,27 @@ pub struct ScoreOptions {
     pub late: bool,
     /// Seed of the bootstrap.
     pub seed: u64,
+}
+
+/// A score and its interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MetricValue {
+    /// Which score.
+    pub metric: Metric,
+    /// Its value; null if it is undefined.
+    pub value: Option<f64>,
+    /// Lower end of the 95 % interval.
+    pub low: Option<f64>,
+    /// Upper end of the 95 % interval.
+    pub high: Option<f64>,
+}
+
+impl MetricValue {
+    /// Reads one score of an evaluation.
+    pub fn of(metric: Metric, score: &Score) -> Self {
+        let (value, interval) = ScoreDef::of(metric).measured(score);
+        MetricValue { metric, value, low: interval.map(|i| i[0]), high: interval.map(|i| i[1]) }
+    }
 }
 
 /// A result and its evaluation.

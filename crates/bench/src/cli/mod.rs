@@ -20,7 +20,6 @@ mod output;
 mod release;
 mod render;
 mod reveal;
-mod shard;
 mod spheroid_maps;
 mod suite;
 mod sweep;

@@ -7,9 +7,8 @@ use serde_json::json;
 
 use super::Common;
 use super::argument::{folder, input};
-use super::options::{Drawing, ImageTables, Replace};
+use super::options::{Drawing, ImageTables, Replace, ShardOption};
 use super::output::{progress, report, summarize, warn};
-use super::shard::ShardOption;
 use super::track::methods;
 use arena::release::{Deadline, Released};
 use arena::suite::{

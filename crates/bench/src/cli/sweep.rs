@@ -6,9 +6,8 @@ use clap::Args;
 
 use super::Common;
 use super::argument::{folder, input};
-use super::options::{ImageTables, Random, Replace};
+use super::options::{ImageTables, Random, Replace, ShardOption};
 use super::output::{progress, report, summarize};
-use super::shard::ShardOption;
 use super::sweep_scores::SweepScores;
 use generator::runner::{SweepOptions, collect, sweep};
 use scenario::ScenarioText;

@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use super::dataset::OpenDataset;
 use super::state::App;
 use super::subject::Subject;
-use super::{assets, board};
+use super::{board, routes};
 use storage::OutputFile;
 use storage::error::{Error, Result};
 
@@ -165,7 +165,7 @@ fn of_frame(app: &App, open: &OpenDataset, frame: u32, are_pairs: bool) -> Resul
 fn document(answers: &Value) -> Result<String> {
     let file = |name: &str| -> Result<&str> {
         let (bytes, _) =
-            assets::file(name).ok_or_else(|| Error::input(format!("page: {name} is missing")))?;
+            routes::file(name).ok_or_else(|| Error::input(format!("page: {name} is missing")))?;
         std::str::from_utf8(bytes).map_err(|e| Error::input(format!("page: {name}: {e}")))
     };
     let mut code = String::new();
@@ -218,7 +218,7 @@ mod tests {
     fn modules_can_be_joined() {
         let mut seen: BTreeMap<&str, &str> = BTreeMap::new();
         for module in MODULES.iter().chain(&["app.js"]) {
-            let text = std::str::from_utf8(assets::file(module).unwrap().0).unwrap();
+            let text = std::str::from_utf8(routes::file(module).unwrap().0).unwrap();
             for name in declared(text) {
                 let before = seen.insert(name, module);
                 assert!(
@@ -237,7 +237,7 @@ mod tests {
             }
         }
         let modules =
-            assets::PAGE.files().filter(|f| f.path().extension().is_some_and(|end| end == "js")).count();
+            routes::PAGE.files().filter(|f| f.path().extension().is_some_and(|end| end == "js")).count();
         assert_eq!(modules, MODULES.len() + 2, "a module is missing in MODULES (besides app.js and uPlot)");
     }
 

@@ -3,11 +3,9 @@
 //!
 //! `server` listens on the loopback address only and refuses requests without the token in its address;
 //! `routes` lists the requests. Requests refer to datasets and results by index (in the lists of
-//! `subject::Subject`), never by path. The page itself is `page/`, embedded in the program by `assets`.
+//! `subject::Subject`), never by path. The page itself is `page/`, embedded in the program.
 
-mod assets;
 mod board;
-mod body;
 mod columns;
 mod dataset;
 mod editor;

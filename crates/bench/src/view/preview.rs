@@ -17,8 +17,8 @@ use microsig_core::sensor::Image;
 use serde_json::{Value, json};
 use tokio::sync::mpsc::Sender;
 
-use super::body::message;
 use super::columns::list;
+use super::routes::message;
 use super::state::{App, locked};
 use super::{editor, optics};
 use generator::dataset::Camera;

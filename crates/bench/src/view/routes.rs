@@ -1,6 +1,7 @@
 //! The requests that the server answers. Every path starts with the token; datasets, frames and results are
 //! identified by index.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 
 use axum::Router;
@@ -9,11 +10,14 @@ use axum::extract::{DefaultBodyLimit, Path, RawQuery, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use futures_util::stream::unfold;
+use include_dir::{Dir, include_dir};
 use serde_json::{Value, json};
+use tokio::sync::mpsc::{self, Sender};
 
 use super::result::Filter;
 use super::state::App;
-use super::{assets, board, body, editor, keys, preview};
+use super::{board, editor, keys, preview};
 use storage::error::{Error, Result};
 
 /// Maximum body of a request (a scenario), bytes.
@@ -49,13 +53,29 @@ pub(super) fn all() -> Router<Arc<App>> {
         .layer(DefaultBodyLimit::max(MAX_BODY))
 }
 
+/// The folder `page/`.
+pub(super) static PAGE: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/src/view/page");
+
+/// Content and media type of the page's file `name`.
+pub(super) fn file(name: &str) -> Option<(&'static [u8], &'static str)> {
+    let file = PAGE.get_file(name)?;
+    let kind = match name.rsplit_once('.')?.1 {
+        "html" => "text/html; charset=utf-8",
+        "js" => "text/javascript; charset=utf-8",
+        "css" => "text/css; charset=utf-8",
+        "svg" => "image/svg+xml",
+        _ => "text/plain; charset=utf-8",
+    };
+    Some((file.contents(), kind))
+}
+
 /// The page.
 pub(super) async fn index() -> Response {
     page("index.html")
 }
 
 fn page(name: &str) -> Response {
-    match assets::file(name) {
+    match file(name) {
         Some((bytes, kind)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
         None => StatusCode::NOT_FOUND.into_response(),
     }
@@ -94,9 +114,31 @@ async fn work(app: Arc<App>, of: impl FnOnce(&App) -> Result<Option<Value>> + Se
     send("application/json", move || of(&app).map(|value| value.map(|value| value.to_string()))).await
 }
 
+/// Chunks that wait to be sent.
+const WAITING: usize = 2;
+
+/// A streamed response and the sender of its chunks; sending fails once the client has disconnected.
+pub(super) fn stream() -> (Sender<Bytes>, Response) {
+    let (sender, receiver) = mpsc::channel(WAITING);
+    let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
+    let chunks = unfold(receiver, async |mut all| Some((Ok::<_, Infallible>(all.recv().await?), all)));
+    (sender, (kind, Body::from_stream(chunks)).into_response())
+}
+
+/// A message of a stream: lengths of JSON and block (32 bit, little endian), then JSON and block.
+pub(super) fn message(json: &serde_json::Value, block: &[u8]) -> Bytes {
+    let json = json.to_string();
+    let mut bytes = Vec::with_capacity(8 + json.len() + block.len());
+    bytes.extend((json.len() as u32).to_le_bytes());
+    bytes.extend((block.len() as u32).to_le_bytes());
+    bytes.extend(json.as_bytes());
+    bytes.extend(block);
+    Bytes::from(bytes)
+}
+
 /// A stream of one byte per second, which lasts as long as the page is open.
 async fn alive(State(app): Shared) -> Response {
-    let (viewer, (sender, response)) = (app.viewer(), body::stream());
+    let (viewer, (sender, response)) = (app.viewer(), stream());
     tokio::spawn(async move {
         let _viewer = viewer;
         // A closed page closes the channel.
@@ -122,7 +164,7 @@ async fn save(State(app): Shared, text: String) -> Response {
 }
 
 async fn preview_of(State(app): Shared, text: String) -> Response {
-    let (cancellation, (sender, response)) = (app.next_preview(), body::stream());
+    let (cancellation, (sender, response)) = (app.next_preview(), stream());
     let (reader, unread) = (sender.clone(), cancellation.clone());
     let watch = tokio::spawn(async move {
         reader.closed().await;

@@ -3,7 +3,6 @@
 //! A table is declared once, by the struct of its row in [`rows`]; header, descriptions in the manifest,
 //! writing and reading derive from it.
 
-mod columns;
 mod hopeless;
 pub mod manifest;
 mod read;
@@ -12,7 +11,6 @@ pub mod rows;
 mod table;
 mod write;
 
-pub use columns::{Columns, MISSING, Values};
 pub use hopeless::{USUAL_N_S, digits, hopeless, usual_ppp};
 pub use read::{Record, TableReader, read_rows};
 pub use recording::{LARGEST_UM, RecordingFacts};
@@ -20,5 +18,5 @@ pub use rows::{
     BoxRow, CalibrationRow, DepthRow, DisplacementRow, FieldRow, FrameRow, PlaneRow, ScanParticleRow,
     TrackRow, TrueFlow,
 };
-pub use table::{Cell, Cells, Column, Row, Table};
+pub use table::{Cell, Cells, Column, Columns, MISSING, Row, Table, Values};
 pub use write::{TableWriter, write_table};

@@ -6,8 +6,7 @@ use std::path::Path;
 
 use crate::{Error, InputFile, Result};
 
-use crate::dataset::columns::{Columns, MISSING, Values};
-use crate::dataset::table::{Cell, Row};
+use crate::dataset::table::{Cell, Columns, MISSING, Row, Values};
 
 /// Number of rows after whose problems a table is given up: most of its rows are wrong.
 const MOST_PROBLEMS: usize = 100;

@@ -1,7 +1,6 @@
 //! Errors of displacement gradients: central differences of both fields over the same neighbors.
 
-use super::compared::ComparedVector;
-use super::vector_grid::VectorGrid;
+use super::vectors::{ComparedVector, VectorGrid};
 use crate::evaluate::statistics::ratio;
 
 scores! {

@@ -1,7 +1,7 @@
 //! Detects probable mistakes of convention in a field: units, direction of the axes, origin of the positions.
 
-use super::compared::{ComparedVector, INLIER_PX};
 use super::true_field::{TrueField, TrueFields};
+use super::vectors::{ComparedVector, INLIER_PX};
 use crate::evaluate::hint::Hint;
 use crate::evaluate::statistics::quantile;
 use crate::results::{Field, FlowVector, LENGTHS, Origin, Position, Reversal};

@@ -5,8 +5,6 @@
 //! (`true_field.rs`). Errors are result - truth over valid vectors (flag 0);
 //! interpolated vectors (flag 2) are only counted. Definitions: docs/scoring.md.
 
-mod compared;
-mod ensemble;
 mod errors;
 mod gradients;
 mod grid_spline;
@@ -17,7 +15,7 @@ mod spectrum;
 #[cfg(test)]
 mod tests;
 pub mod true_field;
-mod vector_grid;
+mod vectors;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -25,14 +23,13 @@ use super::hint::Hint;
 use super::statistics::ratio;
 use super::units::UnitScores;
 use crate::results::{Field, FlowVector};
-pub use compared::ComparedVector;
-pub use ensemble::EnsembleErrors;
-pub use errors::{ComponentErrors, FieldErrors, VectorUncertainty};
+pub use errors::{ComponentErrors, EnsembleErrors, FieldErrors, VectorUncertainty};
 pub use gradients::Gradients;
 pub use nodes::{NodeErrors, squares};
 pub use peak_locking::PeakLocking;
 pub use spectrum::{SpectralPoint, Spectrum};
 use true_field::{Displacement, TrueFields};
+pub use vectors::ComparedVector;
 
 /// RMS of the true displacement about its mean below which a flow is uniform, px.
 const UNIFORM_PX: f64 = 0.05;

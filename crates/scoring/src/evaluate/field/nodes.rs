@@ -14,8 +14,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::compared::INLIER_PX;
 use super::true_field::{TrueField, axis, index};
+use super::vectors::INLIER_PX;
 use crate::evaluate::statistics::{Interval, intervals, ratio};
 use crate::results::FlowVector;
 use storage::dataset::RecordingFacts;

@@ -4,7 +4,7 @@
 //! without peak locking: the count of each bin scatters by sqrt(n / 10), and the expected extremes of ten
 //! normal variates lie 1.539 standard deviations from their mean (Harter, Biometrika 48, 1961).
 
-use super::compared::{ComparedVector, INLIER_PX};
+use super::vectors::{ComparedVector, INLIER_PX};
 use crate::evaluate::statistics::Errors;
 
 scores! {

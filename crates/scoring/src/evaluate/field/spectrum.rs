@@ -8,8 +8,7 @@
 
 use fourier::{Complex64, LineFft};
 
-use super::compared::ComparedVector;
-use super::vector_grid::VectorGrid;
+use super::vectors::{ComparedVector, VectorGrid};
 
 scores! {
     /// Spectra of one component along one axis.
