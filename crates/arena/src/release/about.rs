@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::croissant;
 use super::deadline::{Deadline, UNTIL};
 use super::splits::Train;
-use super::{COMMITMENT, SALT};
+use super::{COMMITMENT, ReleaseOptions, SALT};
 use scenario::license::License;
 use scoring::ranking::ScoreDef;
 use storage::checksums::Fingerprint;
@@ -16,17 +16,6 @@ use storage::dataset::manifest::{
     self, GENERATOR_VERSION, ResultKind, ScoringGates, ScoringRules, ZERO_OF_DATASETS, coordinates,
 };
 use storage::dataset::{CalibrationRow, Row, TrackRow};
-
-/// Bibliographic data of a release.
-#[derive(Debug, Clone, Default)]
-pub struct Publication {
-    /// Title of the challenge; `None` for the title of the dataset.
-    pub title: Option<String>,
-    /// Authors to cite, as `Family, Given` or the name of a group; if empty, "The organizers of NAME".
-    pub creators: Vec<String>,
-    /// Version of the challenge; `None` for 1.0.0.
-    pub version: Option<String>,
-}
 
 /// The facts used in the texts.
 #[derive(Debug)]
@@ -66,23 +55,18 @@ fn of_particles(in_focus: bool) -> String {
     )
 }
 
-impl Publication {
-    pub(super) fn version(&self) -> &str {
-        self.version.as_deref().unwrap_or("1.0.0")
-    }
-
-    /// Completes the bibliographic data with facts of the dataset.
-    pub(super) fn of<'a>(
+impl ReleaseOptions {
+    /// The facts used in the texts, completed by those of the dataset.
+    pub(super) fn texts<'a>(
         &'a self,
         train: &'a Train,
         commitment: &'a str,
-        deadline: Option<Deadline>,
         scored: &[ResultKind],
         is_flow_known: bool,
     ) -> ReleaseTexts<'a> {
         let (name, manifest) = (train.scenario.spec.name.as_str(), &train.manifest);
         let title = if manifest.title.is_empty() { name.to_owned() } else { manifest.title.clone() };
-        let creators = match self.creators.as_slice() {
+        let creators = match self.challenge.creators.as_slice() {
             [] => vec![format!("The organizers of {name}")],
             creators => creators.to_vec(),
         };
@@ -95,8 +79,8 @@ impl Publication {
             title,
             commitment,
             creators,
-            version: self.version(),
-            deadline,
+            version: &self.version,
+            deadline: self.challenge.deadline,
             license,
             in_focus,
             calibrated,

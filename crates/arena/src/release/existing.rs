@@ -56,18 +56,18 @@ pub(crate) fn is_made(out: &Path) -> bool {
 /// Whether the release already exists and is to be left unchanged.
 ///
 /// # Errors
-/// An existing challenge, unless it was made from the dataset and `options.resume` keeps it, or
-/// `options.force` and `options.new_keys` replace it, or `options.resume` continues that; any other folder that is not empty.
+/// An existing challenge, unless it was made from the dataset and `options.challenge.resume` keeps it, or
+/// `options.challenge.force` and `options.challenge.new_keys` replace it, or `options.challenge.resume` continues that; any other folder that is not empty.
 pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool> {
     let out = &options.out;
     if !out.join(MARK).is_file() {
-        check_replaceable(out, Earlier::new(MARK, options.force))?;
+        check_replaceable(out, Earlier::new(MARK, options.challenge.force))?;
         return Ok(false);
     }
-    if options.resume && is_made(out) {
+    if options.challenge.resume && is_made(out) {
         return belongs(dataset, options).map(|()| true);
     }
-    let may_go_on = options.resume || (options.force && options.new_keys);
+    let may_go_on = options.challenge.resume || (options.challenge.force && options.challenge.new_keys);
     if !may_go_on {
         if is_replacing(out) {
             let hint = format!(" continues it; to keep the key instead, remove {}", replacing(out).display());
@@ -103,7 +103,7 @@ fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
     let manifest = storage::read_text(&out.join("public").join(MANIFEST))?;
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
     let Some(name) = name_of(&manifest) else { return refuse("lists no archive of a train split") };
-    let version = options.about.version();
+    let version = &options.version;
     if manifest["version"].as_str() != Some(version) {
         return refuse(&format!("does not have version {version}"));
     }
@@ -159,10 +159,10 @@ pub(super) fn chosen(options: &ReleaseOptions) -> serde_json::Map<String, Value>
         ("test_set", json!(assigned.collect::<Vec<_>>())),
         ("exact_times", json!(options.exact_times)),
         ("fields", json!(options.fields)),
-        ("codabench", json!(options.codabench)),
-        ("deadline", json!(options.deadline.map(|day| day.to_string()))),
-        ("title", json!(options.about.title)),
-        ("creator", json!(options.about.creators)),
+        ("codabench", json!(options.challenge.codabench)),
+        ("deadline", json!(options.challenge.deadline.map(|day| day.to_string()))),
+        ("title", json!(options.title)),
+        ("creator", json!(options.challenge.creators)),
     ];
     all.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }

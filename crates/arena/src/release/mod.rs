@@ -31,7 +31,6 @@ mod test_split;
 #[cfg(test)]
 mod tests;
 
-pub use about::Publication;
 pub use deadline::Deadline;
 pub(crate) use deadline::UNTIL;
 pub use reveal::{RevealOptions, Revealed, reveal};
@@ -41,6 +40,7 @@ pub use submission::{Submission, SubmissionFiles, Validated, limits, validate};
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
+use clap::Args;
 use microsig_core::render::Context;
 use serde::Serialize;
 
@@ -60,43 +60,74 @@ use storage::dataset::manifest::{MANIFEST, ResultKind, ScoringRules};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, remove_own};
 
-/// Options of a release.
-#[derive(Debug, Clone)]
-pub struct ReleaseOptions {
-    /// The release's folder.
-    pub out: PathBuf,
-    /// Whether to replace an existing release, which also takes `new_keys`.
-    pub force: bool,
-    /// Whether to leave an existing release of the same dataset unchanged, unless its replacement was interrupted.
-    pub resume: bool,
-    /// Whether `force` may also replace the secret key of an existing release.
-    pub new_keys: bool,
-    /// Number of pairs or frames of the validation split; `None`: as many as the dataset has.
-    pub val: Option<u32>,
-    /// Number of pairs or frames of the test split; `None`: as many as the dataset has.
-    pub test: Option<u32>,
-    /// Scenario values to change in the test split.
-    pub test_set: Vec<Assignment>,
-    /// Whether to publish the exact times of the test split's frames, including jitter, instead of the
-    /// nominal ones.
-    pub exact_times: bool,
-    /// Whether to score displacement fields instead of particles, even if the train split reveals the
-    /// velocity field of the test split.
-    pub fields: bool,
-    /// How results are scored; what is not given follows from the dataset.
-    pub rules: ScoringRules,
-    /// Whether to write a bundle for Codabench.
-    pub codabench: bool,
-    /// The Python wheel of microsig that the bundle's scoring program installs.
-    pub wheel: Option<PathBuf>,
-    /// The last day for submissions.
+/// Options of a challenge, and of the challenges of a suite.
+#[derive(Debug, Clone, Args)]
+pub struct ChallengeOptions {
+    /// Author to cite, as `Family, Given` or the name of a group; may be repeated
+    #[arg(long = "creator", value_name = "NAME")]
+    pub creators: Vec<String>,
+    /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
+    #[arg(long, value_name = "DATE")]
     pub deadline: Option<Deadline>,
-    /// Bibliographic data.
-    pub about: Publication,
+    /// Also write a bundle for the Codabench platform, withheld/codabench.zip
+    #[arg(long)]
+    pub codabench: bool,
+    /// Python wheel of microsig for the bundle's scoring program [default: microsig is installed in the
+    /// container]
+    #[arg(long, value_name = "FILE", requires = "codabench")]
+    pub wheel: Option<PathBuf>,
+    /// Continue an interrupted run, also one with --force and --new-keys; a finished challenge is left unchanged with its
+    /// secret key
+    #[arg(long)]
+    pub resume: bool,
+    /// Replace existing output
+    #[arg(long, short)]
+    pub force: bool,
+    /// With --force: replace a challenge and draw a new secret key, which invalidates everything published of
+    /// it
+    #[arg(long, conflicts_with = "resume")]
+    pub new_keys: bool,
     /// Progress display.
+    #[arg(skip = Progress::Hidden)]
     pub progress: Progress,
     /// Where renderers keep their tables.
+    #[arg(skip)]
     pub context: Context,
+}
+
+/// Options of [`release`].
+#[derive(Debug, Clone, Args)]
+pub struct ReleaseOptions {
+    /// The release's folder.
+    #[arg(skip)]
+    pub out: PathBuf,
+    /// Scenario values to change in the test split.
+    #[arg(skip)]
+    pub test_set: Vec<Assignment>,
+    /// How results are scored; what is not given follows from the dataset.
+    #[arg(skip)]
+    pub rules: ScoringRules,
+    /// Pairs or frames of the validation split [default: as many as the dataset has]
+    #[arg(long, value_name = "N")]
+    pub val: Option<u32>,
+    /// Pairs or frames of the test split [default: as many as the dataset has]
+    #[arg(long, value_name = "N")]
+    pub test: Option<u32>,
+    /// Publish the exact times of the test split's frames [default: nominal times, without jitter]
+    #[arg(long)]
+    pub exact_times: bool,
+    /// Score displacement fields instead of particles, even if train reveals the flow of test
+    #[arg(long)]
+    pub fields: bool,
+    /// Title of the challenge [default: the dataset's]
+    #[arg(long)]
+    pub title: Option<String>,
+    /// Version of the challenge
+    #[arg(long = "release-version", value_name = "TEXT", default_value = "1.0.0")]
+    pub version: String,
+    /// Options that all challenges of a suite share.
+    #[command(flatten)]
+    pub challenge: ChallengeOptions,
 }
 
 /// Summary of a release.
@@ -138,9 +169,10 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     if existing::is_there(dataset, options)? {
         return Ok(None);
     }
-    check_deadline(options.deadline)?;
-    let replaces = (options.force && options.new_keys) || existing::is_replacing(&options.out);
-    let mut train = Train::open(dataset, &options.context)?;
+    check_deadline(options.challenge.deadline)?;
+    let replaces =
+        (options.challenge.force && options.challenge.new_keys) || existing::is_replacing(&options.out);
+    let mut train = Train::open(dataset, &options.challenge.context)?;
     let is_ruled = options.rules != ScoringRules::default();
     if is_ruled {
         train.rule(&options.rules)?;
@@ -159,7 +191,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
         existing::replace(&options.out)?;
     }
     let partial = Partial::start(&options.out)?;
-    options.progress.warn(partial.warning());
+    options.challenge.progress.warn(partial.warning());
     let (public, withheld) = (partial.folder().subfolder("public")?, partial.folder().subfolder("withheld")?);
     keep_private(withheld.path())?;
 
@@ -167,7 +199,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let ruled;
     let dataset = if is_ruled {
         ruled = partial.folder().nested("train")?;
-        make(&train.scenario, &ruled, options.progress.clone())?;
+        make(&train.scenario, &ruled, options.challenge.progress.clone())?;
         ruled.as_path()
     } else {
         dataset
@@ -175,12 +207,12 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     whole(dataset)?.zip(&format!("{name}-train"), &public, &archive("train"))?;
 
     let folder = partial.folder().nested("val")?;
-    make(&val, &folder, options.progress.clone())?;
+    make(&val, &folder, options.challenge.progress.clone())?;
     whole(&folder)?.zip(&format!("{name}-val"), &public, &archive("val"))?;
     remove_own(&folder)?;
 
     let folder = withheld.nested("test")?;
-    make(&test, &folder, options.progress.clone())?;
+    make(&test, &folder, options.challenge.progress.clone())?;
     let is_flow_known = compare(dataset, &folder)?;
     let of_fields = options.fields || ranks_fields(&train.rules().rank_by);
     let scored = match (of_fields, is_flow_known) {
@@ -198,15 +230,15 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     kept.zip(&format!("{name}-test"), &withheld, &truth)?;
     let commitment = commit(&withheld, &truth)?;
 
-    let about = options.about.of(&train, &commitment, options.deadline, &scored, is_flow_known);
+    let about = options.texts(&train, &commitment, &scored, is_flow_known);
     let recordings = (!options.exact_times).then_some(&test.recordings);
     test_split::package(dataset, &folder, recordings, &about)?.zip(
         &format!("{name}-test"),
         &public,
         &archive("test"),
     )?;
-    if options.codabench {
-        codabench::write(&withheld, (dataset, &folder), &about, options.wheel.as_deref())?;
+    if options.challenge.codabench {
+        codabench::write(&withheld, (dataset, &folder), &about, options.challenge.wheel.as_deref())?;
     }
     withheld.save_bytes("README.md", about.withheld())?;
     let chosen = serde_json::Value::from(existing::chosen(options));
@@ -220,7 +252,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     Ok(Some(Released {
         out: options.out.clone(),
         name: name.clone(),
-        deadline: options.deadline.map(|deadline| deadline.to_string()),
+        deadline: options.challenge.deadline.map(|deadline| deadline.to_string()),
         scored,
         warnings: warnings(of_fields, is_flow_known, units),
         images: [&train.scenario, &val, &test].map(|s| s.recordings.frames()),

@@ -77,7 +77,7 @@ impl Train {
 
     /// The scenario of the validation split.
     pub(super) fn val(&self, dataset: &Path, options: &ReleaseOptions) -> Result<Scenario> {
-        resolve(Split::Val.scenario(&self.scenario.spec, options.val)?, dataset, &options.context)
+        resolve(Split::Val.scenario(&self.scenario.spec, options.val)?, dataset, &options.challenge.context)
     }
 
     /// The scenario of the test split, with a new secret key.
@@ -100,7 +100,7 @@ impl Train {
         })?;
         spec.name += "-test";
         spec.seed = 0;
-        let mut scenario = resolve(spec, dataset, &options.context)?;
+        let mut scenario = resolve(spec, dataset, &options.challenge.context)?;
         check(&scenario)?;
         scenario.streams = Streams::secret(secret::draw()?);
         Ok(scenario)

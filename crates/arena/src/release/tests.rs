@@ -1,5 +1,7 @@
 //! A small challenge: checks of a submission, and of the truth before it is published.
 
+use clap::FromArgMatches;
+
 use super::*;
 
 fn dataset(out: &Path) -> PathBuf {
@@ -50,24 +52,10 @@ fn points_outside_the_image_and_the_depth_range_are_counted() {
 fn a_truth_that_was_not_promised_is_not_published() {
     let place = tempfile::tempdir().unwrap();
     let challenge = place.path().join("challenge");
-    let options = ReleaseOptions {
-        out: challenge.clone(),
-        force: false,
-        resume: false,
-        new_keys: false,
-        val: Some(2),
-        test: None,
-        test_set: Vec::new(),
-        exact_times: false,
-        fields: false,
-        rules: storage::dataset::manifest::ScoringRules::default(),
-        codabench: false,
-        wheel: None,
-        deadline: None,
-        about: Publication::default(),
-        progress: Progress::Hidden,
-        context: Context::default(),
-    };
+    let arguments = ReleaseOptions::augment_args(clap::Command::new("release"));
+    let arguments = arguments.get_matches_from(["release", "--val", "2"]);
+    let options = ReleaseOptions::from_arg_matches(&arguments).unwrap();
+    let options = ReleaseOptions { out: challenge.clone(), ..options };
     release(&dataset(place.path()), &options).unwrap();
     let reveal = |name: &str| {
         let now = SystemTime::UNIX_EPOCH;

@@ -15,7 +15,6 @@ use std::path::{Path, PathBuf};
 
 use include_dir::{Dir, include_dir};
 use maud::{Markup, html};
-use microsig_core::render::Context;
 use serde_json::json;
 
 use super::site::{link, of_track, ranks};
@@ -24,10 +23,10 @@ use crate::package::Package;
 use crate::release::existing::{self, remove_if_there};
 use crate::release::submission::{SUBMISSION, results_header, template};
 use crate::release::{
-    Deadline, Publication, ReleaseOptions, Released, check_deadline, release as release_dataset,
+    ChallengeOptions, ReleaseOptions, Released, check_deadline, release as release_dataset,
 };
 use crate::report::document;
-use generator::runner::{Progress, RECORD, SuiteRecord, SuiteSelection, check_rules};
+use generator::runner::{RECORD, SuiteRecord, SuiteSelection, check_rules};
 use scenario::{Split, Suite, SuiteCase, TrackSpec};
 use scoring::ranking::ranks_fields;
 use storage::checksums::{self, Fingerprint, SHA256SUMS, images_digest};
@@ -52,26 +51,10 @@ pub struct SuiteReleaseOptions {
     pub out: PathBuf,
     /// Only these tracks and cases.
     pub selection: SuiteSelection,
-    /// Authors to cite.
-    pub creators: Vec<String>,
     /// Address or URL to which teams send their archives, for the page.
     pub submit_to: Option<String>,
-    /// The last day for submissions.
-    pub deadline: Option<Deadline>,
-    /// Leave finished challenges unchanged.
-    pub resume: bool,
-    /// With `new_keys`: replace finished challenges.
-    pub force: bool,
-    /// Whether `force` may replace secret keys.
-    pub new_keys: bool,
-    /// Whether to write bundles for Codabench.
-    pub codabench: bool,
-    /// The Python wheel that their scoring programs install.
-    pub wheel: Option<PathBuf>,
-    /// Progress display.
-    pub progress: Progress,
-    /// Where renderers keep their tables.
-    pub context: Context,
+    /// Options of each challenge.
+    pub challenge: ChallengeOptions,
 }
 
 /// Makes a challenge of each chosen case, and the folder to be published. Returns the cases, each with its challenge if it
@@ -88,7 +71,7 @@ pub fn release(
     let generated = SuiteRecord::read(datasets)?;
     generated.matches(suite, datasets)?;
     let mut record = SuiteRecord::of(suite, generated.size);
-    record.deadline = options.deadline.map(|day| day.to_string());
+    record.deadline = options.challenge.deadline.map(|day| day.to_string());
     let path = options.out.join(RECORD);
     if path.exists() {
         let found = SuiteRecord::read(&options.out)?;
@@ -108,9 +91,9 @@ pub fn release(
     }
     std::fs::create_dir_all(&options.out).map_err(Error::write(&options.out))?;
     save_changed(&path, &bytes(&record)?)?;
-    if options.force && options.new_keys {
+    if options.challenge.force && options.challenge.new_keys {
         // Before the first is replaced, so that a run that continues replaces all. The page comes back last.
-        check_deadline(options.deadline)?;
+        check_deadline(options.challenge.deadline)?;
         chosen.iter().try_for_each(|case| existing::replace(&options.out.join(case.folder())))?;
         remove_if_there(&options.out.join(PUBLIC).join(PAGE))?;
     }
@@ -145,25 +128,15 @@ fn of_case(suite: &Suite, case: &SuiteCase, options: &SuiteReleaseOptions) -> Re
     let [_, val, test] = case.counts;
     Ok(ReleaseOptions {
         out,
-        force: options.force,
-        resume: options.resume,
-        new_keys: options.new_keys,
+        challenge: options.challenge.clone(),
         val: Some(val),
         test: Some(test),
         test_set: Vec::new(),
         exact_times: false,
         fields: false,
         rules: ScoringRules::default(),
-        codabench: options.codabench,
-        wheel: options.wheel.clone(),
-        deadline: options.deadline,
-        about: Publication {
-            title: Some(format!("{}: {} {}", suite.spec.title, case.track, case.name)),
-            creators: options.creators.clone(),
-            version: Some(suite.spec.version.clone()),
-        },
-        progress: options.progress.clone(),
-        context: options.context.clone(),
+        title: Some(format!("{}: {} {}", suite.spec.title, case.track, case.name)),
+        version: suite.spec.version.clone(),
     })
 }
 
@@ -246,7 +219,7 @@ fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages], options: &Suite
         @if !suite.spec.description.is_empty() { p { (suite.spec.description) } }
         p { "Images of tracer particles for comparing methods of PIV and particle tracking. Train and val come with their truth. The truth of test is \
             published after the deadline; until then, " code { "commitment.sha256" } " of each case proves that it is not changed." }
-        @if !options.creators.is_empty() { p { "Organized by " (options.creators.join("; ")) "." } }
+        @if !options.challenge.creators.is_empty() { p { "Organized by " (options.challenge.creators.join("; ")) "." } }
         @if let Some(day) = &record.deadline { p { b { "Deadline: " (day) } ", " (crate::release::UNTIL) "." } }
         p { a href=(format!("{BOARD}/{PAGE}")) { "Leaderboard" } ", with the scores of baselines; it exists as soon as the organizers have scored them." }
         h2 { "Data" }

@@ -10,7 +10,7 @@ use super::argument::{folder, input};
 use super::options::{Drawing, ImageTables, Replace, ShardOption};
 use super::output::{progress, report, summarize, warn};
 use super::track::methods;
-use arena::release::{Deadline, Released};
+use arena::release::{ChallengeOptions, Released};
 use arena::suite::{
     BASELINES, RESULT, ScoreOptions, SuiteReleaseOptions, published_test, release, score, suite_template,
 };
@@ -183,34 +183,14 @@ struct Release {
     out: PathBuf,
     #[command(flatten)]
     cases: Cases,
-    /// Author to cite, as `Family, Given` or the name of a group; may be repeated
-    #[arg(long, value_name = "NAME")]
-    creator: Vec<String>,
     /// Address or URL to which teams send their results, shown on the page
     #[arg(long, value_name = "TEXT")]
     submit_to: Option<String>,
-    /// Last day for submissions, such as 2027-03-01: until it has ended everywhere on Earth
-    #[arg(long, value_name = "DATE")]
-    deadline: Option<Deadline>,
-    /// Continue an interrupted run, also one with --force and --new-keys; finished challenges keep their secret
-    /// keys
-    #[arg(long)]
-    resume: bool,
-    /// With --force: replace challenges and draw new secret keys, which invalidates everything published of
-    /// them
-    #[arg(long, conflicts_with = "resume")]
-    new_keys: bool,
-    /// Also write a bundle for the Codabench platform for each case
-    #[arg(long)]
-    codabench: bool,
-    /// Python wheel of microsig for the scoring programs of the bundles
-    #[arg(long, value_name = "FILE", requires = "codabench")]
-    wheel: Option<PathBuf>,
     /// Run these trackers on the published test splits, into OUT/baselines for `suite score --results`
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = methods())]
     baselines: Vec<String>,
     #[command(flatten)]
-    replace: Replace,
+    challenge: ChallengeOptions,
     #[command(flatten)]
     tables: ImageTables,
 }
@@ -433,16 +413,12 @@ impl Release {
         let options = SuiteReleaseOptions {
             out: self.out.clone(),
             selection: self.cases.selection(),
-            creators: self.creator.clone(),
             submit_to: self.submit_to.clone(),
-            deadline: self.deadline,
-            resume: self.resume,
-            force: self.replace.force,
-            new_keys: self.new_keys,
-            codabench: self.codabench,
-            wheel: self.wheel.clone(),
-            progress: progress(common),
-            context: common.context.clone(),
+            challenge: ChallengeOptions {
+                progress: progress(common),
+                context: common.context.clone(),
+                ..self.challenge.clone()
+            },
         };
         let released = release(&suite, &self.datasets, &options)?;
         let mut listed = Vec::new();
