@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use bench::cli::variants;
+use storage::argument::variants;
 use scoring::results::{Conventions, Format, TrackerResult, read};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());

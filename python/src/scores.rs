@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use arena::report;
-use bench::cli::{Variants, variant};
 use generator::runner::DatasetPlace;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
@@ -13,6 +12,7 @@ use scenario::{self, Literal, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Hint, Score, Truth, UnitScores, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, LengthUnit, Origin, PairChoice, Source};
+use storage::argument::{Variants, variant};
 use storage::dataset::Columns;
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 

@@ -19,8 +19,11 @@ mod particles;
 mod places;
 mod stacks;
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use clap::Args;
+use clap::builder::RangedU64ValueParser;
 use microsig_core::render::Context;
 use serde::Serialize;
 
@@ -31,56 +34,86 @@ use generator::runner::Progress;
 use known::Known;
 use storage::advice;
 use storage::advice::option;
+use storage::argument::input;
 use storage::dataset::manifest::{MANIFEST, NoiseFacts, PlaceFacts};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{InputFile, NumberRange};
 
 /// Options of [`import`].
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Args)]
 pub struct ImportOptions {
-    /// The images: files, folders, or names with `*` and `?`.
+    /// The recorded images: TIFF files of 8 or 16 bit with one page or many, folders, or names with `*` and
+    /// `?`; in natural order
+    #[arg(long, value_name = "PATH", required = true, num_args = 1..)]
     pub images: Vec<PathBuf>,
-    /// Pages of a file that belong to one time; `None`: as the file says, otherwise one.
+    /// Pages that belong to one time, such as channels [default: as the file says, otherwise 1]
+    #[arg(long, value_name = "N")]
     pub pages_per_time: Option<usize>,
-    /// Which of these is the image, from 0; also the channel of a scan whose file states several.
+    /// Which of these pages is the image, from 0; also the channel of a scan that states several
+    #[arg(long, value_name = "K")]
     pub page: Option<usize>,
-    /// The calibration scan: a file of pages, or a folder; `None` for images in focus.
+    /// The calibration scan, of the same field of view: a multi-page TIFF (8 or 16 bit), or a folder of TIFF
+    /// files; without one, images in focus, for `piv` and `spots`
+    #[arg(long, value_name = "PATH")]
     pub scan: Option<PathBuf>,
-    /// Its stage positions.
+    /// Stage positions of the scan.
+    #[arg(skip = StagePositions::FromFile)]
     pub positions: StagePositions,
-    /// Whether stage positions increase toward the lens.
+    /// Stage positions increase toward the lens, not away from it
+    #[arg(long = "z-toward")]
     pub toward_lens: bool,
-    /// A scenario with the optics, such as `microsig fit` writes.
+    /// A scenario with the optics, such as `microsig fit` writes; for `mle`
+    #[arg(long, value_name = "SCENARIO", value_parser = input())]
     pub optics: Option<InputFile>,
     /// Edge of a pixel in object space, um; taken from the optics if `None`.
+    #[arg(skip)]
     pub um_per_px: Option<f64>,
-    /// Time between frames, or between the frames of a pair, s.
+    /// Time between frames (with `--pairs` between the two of a pair), s
+    #[arg(long = "dt", value_name = "S")]
     pub dt_s: Option<f64>,
-    /// Whether frames 2k and 2k + 1 are a pair; files whose names differ in a and b only are paired by these.
+    /// Frames 2k and 2k + 1 are an image pair; files whose names differ in a and b only are paired by these
+    #[arg(long)]
     pub pairs: bool,
-    /// Tables of what is known: heights of planes, positions of particles.
+    /// What is known: a CSV file with `frame, z_um` (the height of a plane that all particles are in), or with
+    /// `frame, x_px, y_px` and perhaps `z_um, track` (positions of particles)
+    #[arg(long, value_name = "FILE", num_args = 1.., value_parser = input())]
     pub truth: Vec<InputFile>,
-    /// Whether the positions include all particles of their frames.
+    /// The known positions include all particles of their frames, so that ghosts can be counted
+    #[arg(long, requires = "truth")]
     pub all_particles: bool,
-    /// An image, or a stack of images, without light.
+    /// An image without light, or several pages of it, to be subtracted
+    #[arg(long, value_name = "FILE")]
     pub dark: Option<PathBuf>,
-    /// The same with uniform light.
+    /// An image of uniform light, or several pages of it, to be divided by
+    #[arg(long, value_name = "FILE")]
     pub flat: Option<PathBuf>,
-    /// Number of places of calibration stacks along each side of the field of view; 1: one stack.
+    /// Calibration stacks at N x N places of the field of view
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole(1..=ImportOptions::LARGEST_FIELD as u64))]
     pub field: usize,
-    /// Largest number of particles that are averaged to a stack.
+    /// Largest number of particles that are averaged to a calibration stack
+    #[arg(long, value_name = "N", default_value_t = ImportOptions::PARTICLES, value_parser = whole(1..=1000))]
     pub particles: usize,
-    /// Width of the calibration images, px; from the size of the images if `None`.
+    /// Width of the calibration images, px [default: chosen from the images]
+    #[arg(long = "window", value_name = "PX", value_parser = whole(11..=1023))]
     pub window_px: Option<usize>,
-    /// Whether images are copied even where they could be linked.
+    /// Copy images that could be linked
+    #[arg(long)]
     pub copy: bool,
-    /// Whether an earlier folder is replaced.
+    /// Replace existing output
+    #[arg(long, short)]
     pub force: bool,
     /// Progress display.
+    #[arg(skip = Progress::Hidden)]
     pub progress: Progress,
     /// Where renderers keep their tables.
+    #[arg(skip)]
     pub context: Context,
+}
+
+/// Parser of a whole number.
+fn whole(range: RangeInclusive<u64>) -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(range)
 }
 
 impl ImportOptions {

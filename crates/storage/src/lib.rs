@@ -2,6 +2,7 @@
 //! [`problem`]).
 
 pub mod advice;
+pub mod argument;
 pub mod checksums;
 pub mod dataset;
 pub mod error;

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, CommandFactory, ValueEnum};
 use clap_complete::Shell;
 
-use super::argument::folder;
 use super::output::report;
 use super::{Cli, Common};
 use scenario::{SuiteSpec, SweepSpec, schema_of, spec::Spec};
+use storage::argument::folder;
 use storage::error::{Error, Result};
 
 /// Print shell completions on standard output

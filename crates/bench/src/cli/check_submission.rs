@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::argument::input;
 use super::evaluate::{Checked, checked};
 use super::output::{summarize, warn};
 use arena::suite::check;
@@ -13,6 +12,7 @@ use generator::runner::{RECORD, SuiteRecord};
 use scenario::SuiteCase;
 use scoring::results::Conventions;
 use storage::InputFile;
+use storage::argument::input;
 use storage::error::{Error, Result};
 
 /// Check a submission without the truth; exit code 2 if it would be refused

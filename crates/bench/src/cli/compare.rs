@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::argument::{folder, input};
 use super::options::Replace;
 use super::output::summarize;
 use arena::report::compare;
 use storage::InputFile;
+use storage::argument::{folder, input};
 use storage::error::Result;
 
 /// Rank several scores in a leaderboard

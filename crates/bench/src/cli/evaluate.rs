@@ -3,21 +3,19 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::{Value, json};
 
 use super::Common;
-use super::argument::{folder, input};
-use super::choice::choice;
 use super::options::{Drawing, ImageTables, Replace};
 use super::output::{report as print, summarize, warn};
 use arena::release::{self, SubmissionFiles, Validated};
 use arena::report;
-use scoring::evaluate::gate::Shape;
 use scoring::evaluate::measurement::{beyond, check_order, facts_of};
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
-use scoring::results::{self, Conventions, Format, LengthUnit, Origin, PairChoice, TrackerResult};
+use scoring::results::{self, Conventions, TrackerResult};
 use storage::InputFile;
+use storage::argument::{folder, input};
 use storage::error::{Error, Result};
 
 /// Score a tracker's result against the ground truth
@@ -33,68 +31,14 @@ pub(super) struct Evaluate {
     /// fields with a file for each image pair, or a submission to a challenge (a folder or zip archive)
     #[arg(value_parser = input())]
     result: InputFile,
-    /// The result's format [default: detected from its header]
-    #[arg(long, value_parser = choice::<Format>())]
-    format: Option<Format>,
-    /// Shape of the gate [default: ellipsoid with depth, radial without]
-    #[arg(long, value_parser = choice::<Shape>())]
-    gate: Option<Shape>,
-    /// Radius of the gate in the image plane, of `--gate box` half its width [default: the
-    /// dataset's, or 2]
-    #[arg(long, value_name = "PX")]
-    gate_xy: Option<f64>,
-    /// Half height of the gate along z [default: the dataset's, or a tenth of the depth range]
-    #[arg(long, value_name = "UM")]
-    gate_z: Option<f64>,
-    /// Score in 2 or 3 dimensions [default: the dataset's, or 3 if truth and result have a depth]
-    #[arg(long, value_name = "N")]
-    dims: Option<u8>,
-    /// Radius of the gate of the ISBI scores [default: 5]
-    #[arg(long, value_name = "PX")]
-    isbi_gate: Option<f64>,
-    /// Exclude particles within this distance of the image edge from scoring
-    #[arg(long, value_name = "PX", default_value_t = 0.0)]
-    border: f64,
-    /// Coordinate of the first pixel's center in the result [default: the format's]
-    #[arg(long, value_parser = choice::<Origin>())]
-    origin: Option<Origin>,
-    /// Unit of x and y in the result [default: as stated in it, or the unit of the format]
-    #[arg(long, value_parser = choice::<LengthUnit>())]
-    unit: Option<LengthUnit>,
-    /// Direction of the y axis in the result [default: down]
-    #[arg(long, value_enum)]
-    y: Option<Direction>,
+    #[command(flatten)]
+    options: EvaluateOptions,
     /// Added to x and y in the image, for a result with an origin of its own
     #[arg(long, value_names = ["PX", "PX"], num_args = 2)]
     shift: Option<Vec<f64>>,
-    /// Number of the result's first frame [default: the format's]
-    #[arg(long, value_name = "N")]
-    frame_base: Option<i64>,
-    /// Pixel size in object space [default: the dataset's]. A field without stated units is then in m, mm or
-    /// um
-    #[arg(long, value_name = "UM")]
-    um_per_px: Option<f64>,
-    /// Time between the frames of a pair [default: the dataset's]. A field without stated units is then of
-    /// velocities per s
-    #[arg(long, value_name = "S", alias = "dt-s")]
-    dt: Option<f64>,
-    /// Image pair of a field, or of its first file, where the file does not state it; `all` for an ensemble
-    #[arg(long, value_name = "N|all")]
-    pair: Option<PairChoice>,
     /// Depth range in which particles are scored; its extent is h [default: the dataset's]
     #[arg(long, value_names = ["UM", "UM"], num_args = 2)]
     depth: Option<Vec<f64>>,
-    /// Score a field against the truth plane nearest to this depth [default: where particles are in best
-    /// focus]
-    #[arg(long, value_name = "UM")]
-    plane: Option<f64>,
-    /// Report the uniform shift that best aligns the result with the truth; it is not applied
-    #[arg(long)]
-    auto_offset: bool,
-    /// Add the Cramér-Rao bound of the dataset's optics over depth, and the efficiency of the result (takes a
-    /// while)
-    #[arg(long)]
-    crlb: bool,
     /// Print all scores instead of a summary; `--json` and files always have all
     #[arg(long)]
     all: bool,
@@ -116,45 +60,16 @@ pub(super) struct Evaluate {
     tables: ImageTables,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Direction {
-    Down,
-    Up,
-}
-
 impl Evaluate {
-    fn conventions(&self) -> Conventions {
-        Conventions {
-            format: self.format,
-            origin: self.origin,
-            unit: self.unit,
-            y_up: self.y.map(|y| y == Direction::Up),
-            shift_px: self.shift.as_deref().and_then(|by| by.try_into().ok()).unwrap_or_default(),
-            frame_base: self.frame_base,
-            um_per_px: self.um_per_px,
-            dt_s: self.dt,
-            pair: self.pair,
-            // Two values, as the parser sees to.
-            depth_um: self.depth.as_deref().and_then(|depths| Some((*depths.first()?, *depths.get(1)?))),
-            ..Conventions::default()
-        }
-    }
-
     pub(super) fn run(&self, common: &Common) -> Result<()> {
-        let options = EvaluateOptions {
-            conventions: self.conventions(),
-            shape: self.gate,
-            gate_xy_px: self.gate_xy,
-            gate_z_um: self.gate_z,
-            dims: self.dims,
-            isbi_gate_px: self.isbi_gate,
-            border_px: self.border,
-            plane_um: self.plane,
-            auto_offset: self.auto_offset,
-            crlb: self.crlb,
-            seed: self.drawing.seed,
-            context: common.context.clone(),
+        let two = |of: &Option<Vec<f64>>| of.as_deref().and_then(|of| <[f64; 2]>::try_from(of).ok());
+        let conventions = Conventions {
+            shift_px: two(&self.shift).unwrap_or_default(),
+            depth_um: two(&self.depth).map(|[low, high]| (low, high)),
+            ..self.options.conventions
         };
+        let (seed, context) = (self.drawing.seed, common.context.clone());
+        let options = EvaluateOptions { conventions, seed, context, ..self.options.clone() };
         options.check()?;
         check_order(&self.dataset, &self.result)?;
         if self.validate_only {

@@ -5,8 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::argument::{folder, input};
-use super::choice::choice;
 use super::options::{Drawing, Replace};
 use super::output::{progress, summarize, warn};
 use crate::fitting::{FitFolder, FittedScan, read_places};
@@ -15,6 +13,7 @@ use microsig_core::render::waves::{Emission, Layers, Lens};
 use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
+use storage::argument::{choice, folder, input};
 use storage::error::{Error, Result};
 
 /// Fit the settings of a real microscope to its calibration scan

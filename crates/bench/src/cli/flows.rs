@@ -6,12 +6,12 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::Common;
-use super::argument::plot_file;
 use super::options::Replace;
 use super::output::{report, save_picture, written};
 use crate::flow_plot;
 use scenario;
 use storage::OutputFile;
+use storage::argument::plot_file;
 use storage::error::{Error, Result};
 
 /// List the velocity fields, or describe one: formula, parameters, units, defaults, source

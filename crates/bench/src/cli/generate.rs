@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::argument::folder;
 use super::options::{ImageTables, Replace, ScenarioOptions};
 use super::output::{progress, report, summarize, warn};
 use generator::runner::{Cost, GenerateOptions, generate_or_find};
+use storage::argument::folder;
 use storage::error::Result;
 
 /// Generate a dataset from a scenario: particles, images, ground truth, manifest

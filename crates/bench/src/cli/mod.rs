@@ -3,9 +3,7 @@
 //! A new verb needs a file here and a line in each of two lists: of modules, and of [`Verb`].
 
 mod about;
-mod argument;
 mod check_submission;
-mod choice;
 mod compare;
 mod evaluate;
 mod export;
@@ -35,9 +33,6 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::sync::{Arc, PoisonError};
 
-pub(crate) use argument::output;
-pub(crate) use choice::choice;
-pub use choice::{Variants, variant, variants};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::Context;

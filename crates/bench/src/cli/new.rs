@@ -6,11 +6,11 @@ use clap::Args;
 use serde_json::json;
 
 use super::Common;
-use super::argument::output;
 use super::options::Replace;
 use super::output::{report, summarize};
 use scenario::{self, SHIPPED, SUITE, Shipped, nearest, shipped, shipped_suites};
 use storage::OutputFile;
+use storage::argument::output;
 use storage::error::{Error, Result};
 use storage::save_result;
 

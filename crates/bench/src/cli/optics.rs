@@ -3,12 +3,12 @@
 use clap::Args;
 
 use super::Common;
-use super::argument::{input, output, plot_file};
 use super::options::{ImageTables, Replace, ScenarioOptions};
 use super::output::{progress, report, save_picture, warn, written};
 use super::spheroid_maps;
 use crate::optics::{self, MOST, svg};
 use serde::Serialize;
+use storage::argument::{input, output, plot_file};
 use storage::error::{Error, Result};
 use storage::{InputFile, OutputFile};
 

@@ -2,12 +2,12 @@
 
 use clap::{Args, ValueEnum};
 
+use super::Common;
 use super::output::{announce, warn};
-use super::{Common, argument};
 use generator::runner::Shard;
 use scenario::{Assignment, Scenario, ScenarioText};
-use storage::InputFile;
 use storage::error::Result;
+use storage::{InputFile, argument};
 
 /// A scenario, with changes.
 #[derive(Debug, Args)]

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::argument::folder;
 use super::options::ImageTables;
 use super::output::{progress, summarize, warn};
 use arena::release::{ReleaseOptions, release};
 use scenario::Assignment;
+use storage::argument::folder;
 use storage::dataset::manifest::ScoringRules;
 use storage::error::Result;
 

@@ -10,13 +10,12 @@ use microsig_core::render::{RenderMethod, RendererSpec};
 use microsig_core::sensor::{ImageFormat, NoiseRounding};
 
 use super::Common;
-use super::argument::{folder, input};
-use super::choice::choice;
 use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use generator::runner::{RenderOptions, render};
 use scenario::spec::RenderMode;
 use storage::InputFile;
+use storage::argument::{choice, folder, input};
 use storage::error::{Error, Result};
 
 /// Render images from MicroSIG's own settings file and data files

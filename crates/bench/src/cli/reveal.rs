@@ -6,11 +6,11 @@ use std::time::SystemTime;
 use clap::Args;
 
 use super::Common;
-use super::argument::folder;
 use super::options::Replace;
 use super::output::{summarize, warn};
 use arena::release::{RevealOptions, reveal};
 use generator::runner::{RECORD, SuiteRecord};
+use storage::argument::folder;
 use storage::error::{Error, Result};
 
 /// Write the truth of a challenge for publication, after its deadline

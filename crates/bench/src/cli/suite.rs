@@ -6,7 +6,6 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::Common;
-use super::argument::{folder, input};
 use super::options::{Drawing, ImageTables, Replace, ShardOption};
 use super::output::{progress, report, summarize, warn};
 use super::track::methods;
@@ -20,6 +19,7 @@ use generator::runner::{
 use scenario::{Size, Split, SuiteCase};
 use scoring::ranking::{ScoreDef, ranks_fields};
 use storage::InputFile;
+use storage::argument::{folder, input};
 use storage::error::{Error, Result};
 use storage::save_bytes;
 use tracking::{TrackOptions, track};

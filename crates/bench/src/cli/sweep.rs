@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::argument::{folder, input};
 use super::options::{ImageTables, Random, Replace, ShardOption};
 use super::output::{progress, report, summarize};
 use super::sweep_scores::SweepScores;
 use generator::runner::{SweepOptions, collect, sweep};
 use scenario::ScenarioText;
 use storage::InputFile;
+use storage::argument::{folder, input};
 use storage::error::{Error, Result};
 
 /// Generate many datasets over the axes of a sweep

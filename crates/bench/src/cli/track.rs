@@ -6,12 +6,12 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::argument::output;
 use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, warn, written};
 use storage::OutputFile;
 use storage::advice;
 use storage::advice::option;
+use storage::argument::output;
 use storage::error::{Error, Result};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, track};
 

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
-use super::argument::{folder, input};
 use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, summarize, warn};
 use crate::twin::{TwinOptions, TwinTracker, twin};
 use storage::InputFile;
+use storage::argument::{folder, input};
 use storage::error::Result;
 
 /// Predict how accurate trackers are on a recording: they run on it and on its digital twin

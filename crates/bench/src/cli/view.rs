@@ -7,11 +7,11 @@ use clap::Args;
 use serde_json::json;
 
 use super::Common;
-use super::argument::output;
 use super::options::{ImageTables, Replace};
 use super::output::{report, say, warn, written};
 use crate::view::{ExportOptions, Served, Subject, ViewOptions, export, serve};
 use storage::OutputFile;
+use storage::argument::output;
 use storage::error::Result;
 
 /// Show a scenario, a dataset or the errors of results in the browser

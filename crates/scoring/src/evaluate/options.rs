@@ -1,39 +1,56 @@
 use super::gate::{Edge, Gate, Shape};
 use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};
+use clap::Args;
 use microsig_core::render::Context;
 use storage::advice::{Named, flag, option};
+use storage::argument::choice;
 use storage::dataset::manifest::{ScoringGates, ScoringRules};
 use storage::error::{Error, Result};
 use storage::range::faults;
 use storage::{NumberRange, advice};
 
 /// Options of scoring. `None` means the default for the dataset.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Args)]
 pub struct EvaluateOptions {
     /// Conventions of the result file.
+    #[command(flatten)]
     pub conventions: Conventions,
-    /// Shape of the gate.
+    /// Shape of the gate [default: ellipsoid with depth, radial without]
+    #[arg(long = "gate", value_name = "GATE", value_parser = choice::<Shape>())]
     pub shape: Option<Shape>,
-    /// Radius of the gate in the image plane, px; of a box half its width.
+    /// Radius of the gate in the image plane, of `--gate box` half its width [default: the
+    /// dataset's, or 2]
+    #[arg(long = "gate-xy", value_name = "PX")]
     pub gate_xy_px: Option<f64>,
-    /// Half height of the gate, um.
+    /// Half height of the gate along z [default: the dataset's, or a tenth of the depth range]
+    #[arg(long = "gate-z", value_name = "UM")]
     pub gate_z_um: Option<f64>,
-    /// Dimensions: 2 or 3.
+    /// Score in 2 or 3 dimensions [default: the dataset's, or 3 if truth and result have a depth]
+    #[arg(long, value_name = "N")]
     pub dims: Option<u8>,
-    /// Radius of the gate of the ISBI scores, px.
+    /// Radius of the gate of the ISBI scores [default: 5]
+    #[arg(long = "isbi-gate", value_name = "PX")]
     pub isbi_gate_px: Option<f64>,
-    /// Particles closer to the edge of the sensor than this are not scored, px.
+    /// Exclude particles within this distance of the image edge from scoring
+    #[arg(long = "border", value_name = "PX", default_value_t = 0.0)]
     pub border_px: f64,
-    /// Depth of the plane of the true field, um; `None`: the focal depth of the particles.
+    /// Score a field against the truth plane nearest to this depth [default: where particles are in best
+    /// focus]
+    #[arg(long = "plane", value_name = "UM")]
     pub plane_um: Option<f64>,
-    /// Whether to estimate a shift of the whole result.
+    /// Report the uniform shift that best aligns the result with the truth; it is not applied
+    #[arg(long)]
     pub auto_offset: bool,
-    /// Whether to compute the Cramer-Rao bound of the dataset's optics.
+    /// Add the Cramér-Rao bound of the dataset's optics over depth, and the efficiency of the result (takes a
+    /// while)
+    #[arg(long)]
     pub crlb: bool,
     /// Seed of the bootstrap.
+    #[arg(skip)]
     pub seed: u64,
-    /// Where the renderer of the Cramer-Rao bound keeps its tables.
+    /// Where the renderer of the Cramér-Rao bound keeps its tables.
+    #[arg(skip)]
     pub context: Context,
 }
 

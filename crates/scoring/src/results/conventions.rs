@@ -4,6 +4,8 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::str::FromStr;
 
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -11,6 +13,7 @@ use super::Format;
 use super::table::{BoxSize, Position, TrackRow};
 use microsig_core::formats::arrangement::unit_um;
 use storage::advice::{Advice, option};
+use storage::argument::choice;
 use storage::dataset::{LARGEST_UM, RecordingFacts};
 use storage::error::{Error, Result};
 use storage::range::faults;
@@ -145,37 +148,55 @@ impl FromStr for PairChoice {
 }
 
 /// Conventions given by the user or the dataset; `None` means the default of the format.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Args)]
 pub struct Conventions {
-    /// The format.
+    /// The result's format [default: detected from its header]
+    #[arg(long, value_parser = choice::<Format>())]
     pub format: Option<Format>,
-    /// Coordinates of the first pixel's center.
+    /// Coordinate of the first pixel's center in the result [default: the format's]
+    #[arg(long, value_parser = choice::<Origin>())]
     pub origin: Option<Origin>,
-    /// Unit of x and y; in tables with one unit for all axes also of z.
+    /// Unit of x and y in the result, in tables with one unit for all axes also of z [default: as stated in it, or the
+    /// unit of the format]
+    #[arg(long, value_parser = choice::<LengthUnit>())]
     pub unit: Option<LengthUnit>,
-    /// Whether y grows upward.
+    /// Direction of the y axis in the result [default: down]
+    #[arg(long = "y", value_name = "Y", value_parser = PossibleValuesParser::new(["down", "up"]).map(|y| y == "up"))]
     pub y_up: Option<bool>,
     /// Added to x and y in the image, px.
+    #[arg(skip)]
     pub shift_px: [f64; 2],
-    /// Number of the first frame.
+    /// Number of the result's first frame [default: the format's]
+    #[arg(long, value_name = "N")]
     pub frame_base: Option<i64>,
-    /// Object-space length of a pixel, um.
+    /// Pixel size in object space [default: the dataset's]. A field without stated units is then in m, mm or
+    /// um
+    #[arg(long, value_name = "UM")]
     pub um_per_px: Option<f64>,
-    /// Time between the frames of an image pair, s.
+    /// Time between the frames of a pair [default: the dataset's]. A field without stated units is then of
+    /// velocities per s
+    #[arg(long = "dt", value_name = "S", alias = "dt-s")]
     pub dt_s: Option<f64>,
     /// `um_per_px` and `dt_s` given by the user: a field whose file states no units is then in physical units.
+    #[arg(skip)]
     pub stated: (Option<f64>, Option<f64>),
-    /// The image pair of a field, or of the first of its files.
+    /// Image pair of a field, or of its first file, where the file does not state it; `all` for an ensemble
+    #[arg(long, value_name = "N|all")]
     pub pair: Option<PairChoice>,
     /// Number of image pairs, and whether frames come in bursts of four.
+    #[arg(skip)]
     pub pairs: Option<(u32, bool)>,
     /// Smallest and largest depth, um.
+    #[arg(skip)]
     pub depth_um: Option<(f64, f64)>,
     /// Width of the images, px.
+    #[arg(skip)]
     pub width_px: Option<f64>,
     /// Height of the images, px.
+    #[arg(skip)]
     pub height_px: Option<f64>,
     /// Limits on the size of the file.
+    #[arg(skip)]
     pub limits: Limits,
 }
 
