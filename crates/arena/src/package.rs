@@ -48,7 +48,6 @@ impl Package {
         Ok(())
     }
 
-    /// The paths of all files.
     pub fn paths(&self) -> Vec<String> {
         self.files.keys().cloned().collect()
     }

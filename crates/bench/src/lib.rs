@@ -1,5 +1,6 @@
 //! The `microsig` command ([`cli`]) and the parts that only it needs: exports to other formats ([`export`]),
 //! fits with their reports ([`fitting`]), plots of flows, digital twins of recordings, and the pages of `microsig view`.
+#![allow(missing_docs, reason = "the command is what users see; fields are named after what they are")]
 
 pub mod cli;
 pub mod export;

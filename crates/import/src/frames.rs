@@ -109,7 +109,6 @@ impl Frames {
         Ok(Frames { files, sources, size, pairs: options.pairs })
     }
 
-    /// Number of frames.
     pub(crate) fn len(&self) -> usize {
         self.sources.len()
     }

@@ -4,6 +4,7 @@
 //! scan (`particles`, `alignment`, `places`), the noise comes from its repeated frames (`stacks`), and
 //! the truth is what is known: heights of planes, positions of particles (`known`). Trackers, scores and
 //! views read such a folder as they read a dataset; `kind: recording` in its manifest tells the difference.
+#![allow(missing_docs, reason = "the command is what users see; fields are named after what they are")]
 
 mod alignment;
 mod card;
@@ -40,7 +41,6 @@ use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{InputFile, NumberRange};
 
-/// Options of [`import`].
 #[derive(Debug, Clone, Args)]
 pub struct ImportOptions {
     /// The recorded images: TIFF files of 8 or 16 bit with one page or many, folders, or names with `*` and
@@ -103,10 +103,8 @@ pub struct ImportOptions {
     /// Replace existing output
     #[arg(long, short)]
     pub force: bool,
-    /// Progress display.
     #[arg(skip = Progress::Hidden)]
     pub progress: Progress,
-    /// Where renderers keep their tables.
     #[arg(skip)]
     pub context: Context,
 }
@@ -131,12 +129,9 @@ impl ImportOptions {
     ];
 }
 
-/// What was imported.
 #[derive(Debug, Clone, Serialize)]
 pub struct Imported {
-    /// The folder.
     pub out: PathBuf,
-    /// Number of frames.
     pub frames: usize,
     /// Number of images that are hard links to the given files.
     pub linked: usize,
@@ -152,7 +147,6 @@ pub struct Imported {
     pub unused: Unused,
     /// Noise of a frame; `None` without a scan.
     pub noise: Option<NoiseFacts>,
-    /// Warnings.
     pub warnings: Vec<String>,
 }
 

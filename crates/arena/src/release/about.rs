@@ -26,7 +26,6 @@ pub(super) struct ReleaseTexts<'a> {
     creators: Vec<String>,
     version: &'a str,
     license: License,
-    /// The last day for submissions.
     pub(super) deadline: Option<Deadline>,
     /// Whether all particles are in focus, as in ordinary PIV.
     in_focus: bool,

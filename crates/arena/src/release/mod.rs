@@ -87,18 +87,14 @@ pub struct ChallengeOptions {
     /// it
     #[arg(long, conflicts_with = "resume")]
     pub new_keys: bool,
-    /// Progress display.
     #[arg(skip = Progress::Hidden)]
     pub progress: Progress,
-    /// Where renderers keep their tables.
     #[arg(skip)]
     pub context: Context,
 }
 
-/// Options of [`release`].
 #[derive(Debug, Clone, Args)]
 pub struct ReleaseOptions {
-    /// The release's folder.
     #[arg(skip)]
     pub out: PathBuf,
     /// Scenario values to change in the test split.
@@ -130,18 +126,14 @@ pub struct ReleaseOptions {
     pub challenge: ChallengeOptions,
 }
 
-/// Summary of a release.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Released {
-    /// The release's folder.
     pub out: PathBuf,
-    /// Name of the challenge.
     pub name: String,
     /// Number of images of train, val and test.
     pub images: [u32; 3],
     /// SHA-256 of salt and truth archive.
     pub commitment: String,
-    /// The last day for submissions.
     pub deadline: Option<String>,
     /// What participants are scored on: particles, and fields unless the train split reveals the velocity
     /// field of the test split.

@@ -25,7 +25,6 @@ use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 
-/// Options of a publication.
 #[derive(Debug, Clone)]
 pub struct RevealOptions {
     /// The folder to be published.
@@ -43,7 +42,6 @@ pub struct RevealOptions {
 pub struct Revealed {
     /// The folder to be published.
     pub out: PathBuf,
-    /// Name of the challenge.
     pub name: String,
     /// Its deadline, if it states one.
     pub deadline: Option<String>,

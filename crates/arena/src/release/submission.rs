@@ -45,17 +45,13 @@ pub(crate) const LARGEST_ABOUT: u64 = 1 << 20;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Submission {
-    /// Name of the team.
     pub team: String,
-    /// Name of the method.
     pub method: String,
-    /// Version of the method.
     pub version: String,
     /// Parameters of the method, in any form.
     pub params: serde_json::Map<String, serde_json::Value>,
     /// Run time for the whole split, s.
     pub runtime_s: Option<f64>,
-    /// Hardware used.
     pub hardware: String,
     /// Coordinate convention of `results.csv`; must equal the text of the template.
     pub coordinate_declaration: String,
@@ -64,7 +60,6 @@ pub struct Submission {
     /// The suite with version and size, if the images belong to one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub suite: Option<String>,
-    /// Further remarks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub notes: Option<String>,
 }
@@ -110,7 +105,6 @@ pub(crate) fn template(suite: Option<&str>, images_sha256: &Value) -> String {
 /// A valid submission.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Validated {
-    /// The contents of `submission.json`.
     pub submission: Submission,
     /// `particles` or `vectors`.
     pub kind: &'static str,

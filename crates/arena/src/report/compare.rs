@@ -34,16 +34,13 @@ use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::shown::cell;
 use storage::{InputFile, outside_datasets};
 
-/// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// The leaderboard, best first: particles, then fields.
     pub entries: Vec<Entry>,
     /// Caveats for reading the leaderboard.
     pub warnings: Vec<String>,
-    /// Output folder.
     pub out: PathBuf,
-    /// The leaderboard as text.
     #[serde(skip)]
     pub text: String,
 }
@@ -76,14 +73,11 @@ pub fn compare_sweep(
     Ok(Comparison { entries, warnings, out: out.to_owned(), text })
 }
 
-/// Ranked scores.
 #[derive(Debug, Clone)]
 pub struct Ranking {
     /// The leaderboard, best first: particles, then fields.
     pub entries: Vec<Entry>,
-    /// Warnings about it.
     pub warnings: Vec<String>,
-    /// The leaderboard as text.
     pub text: String,
     scores: Vec<(Entry, Score)>,
 }
@@ -91,17 +85,14 @@ pub struct Ranking {
 /// A score that is compared.
 #[derive(Debug, Clone)]
 pub struct Named {
-    /// Its name.
     pub name: String,
     /// Name of the tracker, the same for all its cases of a sweep.
     pub tracker: String,
-    /// Its scores.
     pub score: Score,
     /// Input of the paired comparison.
     pub units: Option<Arc<UnitScores>>,
 }
 
-/// Ranks scores.
 pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
     let of = |Named { name, tracker, score, units }: Named| {
         let mut entry = Entry::of(name, &score, units);

@@ -17,7 +17,6 @@ use scoring::ranking::{Contestant, SCORES, ScoreDef, Subject, rank};
 /// 2 px does not detect.
 const BIAS_PX: f64 = 0.25;
 
-/// An entry of the leaderboard.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Entry {
     /// Rank among the scores of its kind (within one dataset for cases of a sweep).
@@ -30,7 +29,6 @@ pub struct Entry {
     /// Name of the tracker, the same for all its cases of a sweep.
     #[serde(skip)]
     pub tracker: String,
-    /// Name of the dataset.
     pub dataset: String,
     /// particles_3d, particles_2d, field or planes
     pub kind: ResultKind,

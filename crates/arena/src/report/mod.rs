@@ -59,7 +59,6 @@ pub fn check(out: &Path, force: bool) -> Result<Earlier> {
 /// The folder of an evaluation.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WrittenReport {
-    /// Its files.
     pub files: Vec<PathBuf>,
     /// Warning of a file system without locks.
     pub warning: Option<String>,

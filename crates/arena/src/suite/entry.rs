@@ -26,7 +26,6 @@ pub(super) struct Entry {
     pub(super) folder: PathBuf,
     /// Path of that folder or archive in messages.
     pub(super) given: PathBuf,
-    /// The contents of `submission.json`.
     about: Option<Submission>,
     /// Why nothing of it can be scored.
     pub(super) fault: Option<String>,
@@ -61,7 +60,6 @@ impl Entry {
         Ok(Entry { fault, ..entry })
     }
 
-    /// Whether it is an archive.
     pub(super) fn is_archive(&self) -> bool {
         self._unpacked.is_some()
     }

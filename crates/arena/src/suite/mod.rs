@@ -49,11 +49,8 @@ pub const RESULT: &str = "results.csv";
 /// Scores of all trackers on a suite.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SuiteScores {
-    /// Name of the suite.
     pub suite: String,
-    /// Version of the suite.
     pub version: String,
-    /// Size.
     pub size: Size,
     /// Version of the program that scored.
     pub microsig: String,
@@ -69,16 +66,11 @@ pub struct SuiteScores {
     pub warnings: Vec<String>,
 }
 
-/// Results for a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseScores {
-    /// Track.
     pub track: String,
-    /// Ladder.
     pub ladder: String,
-    /// Case.
     pub case: String,
-    /// Name of the dataset.
     pub dataset: String,
     /// The values that distinguish the case from others of its ladder.
     pub axes: Vec<CaseAxis>,
@@ -106,7 +98,6 @@ pub struct CaseAxis {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
-    /// It has scores.
     Scored,
     /// There is no result.
     Missing,
@@ -117,11 +108,8 @@ pub enum Status {
 /// A tracker's result for a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseResult {
-    /// Tracker.
     pub tracker: String,
-    /// Whether it is scored.
     pub status: Status,
-    /// Why it is refused.
     pub reason: Option<String>,
     /// 1 + the number of results that are better, directly or through others; null without scores.
     pub rank: Option<usize>,
@@ -137,18 +125,12 @@ pub struct CaseResult {
     pub warnings: Vec<String>,
 }
 
-/// Standing of a tracker in a track.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
-    /// Track.
     pub track: String,
-    /// Tracker.
     pub tracker: String,
-    /// Cases of the track.
     pub cases: usize,
-    /// Cases with scores.
     pub scored: usize,
-    /// Cases whose result is refused.
     pub refused: usize,
     /// 1 + the number of trackers that are ahead, directly or through others. Of two trackers, the one that is better in
     /// more cases is ahead.
@@ -157,31 +139,24 @@ pub struct Standing {
     pub first: usize,
 }
 
-/// Options of [`score`].
 #[derive(Debug, Clone)]
 pub struct ScoreOptions {
     /// Folders of results, each with a folder or archive for each tracker.
     pub results: Vec<PathBuf>,
     /// Folder of a published leaderboard, whose results are scored, too.
     pub against: Option<PathBuf>,
-    /// Folder of the scores.
     pub out: PathBuf,
     /// Folder of a site of the leaderboard.
     pub site: Option<PathBuf>,
-    /// Replace existing scores.
     pub force: bool,
-    /// Only these tracks and cases.
     pub selection: SuiteSelection,
     /// Also score submissions whose files are newer than the deadline.
     pub late: bool,
-    /// Seed of the bootstrap.
     pub seed: u64,
 }
 
-/// A score and its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MetricValue {
-    /// Which score.
     pub metric: Metric,
     /// Its value; null if it is undefined.
     pub value: Option<f64>,
@@ -192,14 +167,12 @@ pub struct MetricValue {
 }
 
 impl MetricValue {
-    /// Reads one score of an evaluation.
     pub fn of(metric: Metric, score: &Score) -> Self {
         let (value, interval) = ScoreDef::of(metric).measured(score);
         MetricValue { metric, value, low: interval.map(|i| i[0]), high: interval.map(|i| i[1]) }
     }
 }
 
-/// A result and its evaluation.
 type Scored = (String, std::result::Result<Option<Evaluation>, String>);
 
 /// Scores all results, and writes `suite_scores.csv`, `suite_scores.json`, `index.html` and the complete
@@ -309,7 +282,6 @@ impl CaseScores {
 }
 
 impl CaseResult {
-    /// The value of a score.
     pub fn value(&self, metric: Metric) -> Option<MetricValue> {
         self.scores.iter().find(|score| score.metric == metric).copied()
     }

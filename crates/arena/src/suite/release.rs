@@ -44,12 +44,9 @@ pub const BASELINES: &str = "baselines";
 /// Folder of the leaderboard beside the page.
 const BOARD: &str = "board";
 
-/// Options of [`release`].
 #[derive(Debug, Clone)]
 pub struct SuiteReleaseOptions {
-    /// Output folder.
     pub out: PathBuf,
-    /// Only these tracks and cases.
     pub selection: SuiteSelection,
     /// Address or URL to which teams send their archives, for the page.
     pub submit_to: Option<String>,

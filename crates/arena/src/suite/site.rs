@@ -40,7 +40,6 @@ pub(super) struct Site {
     folder: PathBuf,
     partial: Partial,
     earlier: Earlier,
-    /// Paths of the reports.
     reports: BTreeSet<String>,
 }
 

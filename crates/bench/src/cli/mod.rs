@@ -98,7 +98,6 @@ struct Common {
     /// Who gets the output instead of a terminal.
     #[arg(skip)]
     caller: Option<Caller>,
-    /// Where renderers keep their tables.
     #[arg(skip)]
     context: Context,
 }

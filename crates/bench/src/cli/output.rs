@@ -20,9 +20,7 @@ pub struct Answer {
     pub result: Option<Value>,
     /// The result as a sentence.
     pub text: String,
-    /// Warnings.
     pub warnings: Vec<String>,
-    /// Checks that failed.
     pub failures: Vec<String>,
 }
 

@@ -77,7 +77,6 @@ pub enum StackImages {
     Calibration,
 }
 
-/// Options of an export.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ExportOptions {
     /// Output format
@@ -103,10 +102,8 @@ pub struct ExportOptions {
     pub force: bool,
 }
 
-/// What was exported.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Exported {
-    /// Path of the output file.
     pub out: PathBuf,
     /// Number of points, boxes, vectors, images or distributions.
     pub rows: usize,

@@ -28,7 +28,6 @@ const MAX_VECTORS: usize = 20_000;
 #[derive(Debug)]
 pub(super) struct OpenDataset {
     folder: PathBuf,
-    /// Where renderers keep their tables.
     context: Context,
     manifest: Manifest,
     /// Paths of the images, by frame.

@@ -16,27 +16,21 @@ use super::{board, routes};
 use storage::OutputFile;
 use storage::error::{Error, Result};
 
-/// Options of [`export`].
 #[derive(Debug, Clone)]
 pub struct ExportOptions {
-    /// The file to write.
     pub out: OutputFile,
-    /// Replace an existing file.
     pub force: bool,
     /// The frames; empty: the first ones.
     pub frames: Vec<u32>,
 }
 
-/// Summary of an export.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Exported {
-    /// The file to write.
     pub out: PathBuf,
     /// Size of the file, bytes.
     pub bytes: usize,
     /// Maximum size of the file, bytes.
     pub limit_bytes: usize,
-    /// The frames in it.
     pub frames: Vec<u32>,
     /// Requested frames that are omitted, because the file would exceed its maximum size.
     pub left_out: Vec<u32>,

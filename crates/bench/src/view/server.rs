@@ -24,7 +24,6 @@ use super::subject::Subject;
 use storage::error::{Error, Result};
 use storage::on_interrupt;
 
-/// Options of [`serve`].
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct ViewOptions {
     /// Port [default: a free one]
@@ -35,12 +34,10 @@ pub struct ViewOptions {
     pub stay: bool,
 }
 
-/// A server that has started.
 #[derive(Debug, Clone)]
 pub struct Served {
     /// The page's address, with the token.
     pub address: String,
-    /// Title of the page.
     pub title: String,
 }
 

@@ -22,11 +22,9 @@ pub struct Subject {
     pub datasets: Vec<DatasetEntry>,
     /// The trackers whose results are shown.
     pub trackers: Vec<Tracker>,
-    /// The axes of a sweep.
     pub axes: Vec<String>,
     /// The sweep's folder, if a sweep is shown.
     pub sweep: Option<PathBuf>,
-    /// Where renderers keep their tables.
     pub context: Context,
 }
 
@@ -35,13 +33,10 @@ pub struct Subject {
 pub struct DatasetEntry {
     /// Its name, or its case's in a sweep.
     pub name: String,
-    /// Its folder.
     pub folder: PathBuf,
-    /// Values of the sweep's axes.
     pub values: Vec<String>,
 }
 
-/// A tracker with its results.
 #[derive(Debug, Clone)]
 pub struct Tracker {
     /// The name of its file or folder.
