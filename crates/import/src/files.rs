@@ -36,9 +36,7 @@ pub(crate) fn of(arguments: &[PathBuf]) -> Result<Vec<PathBuf>> {
 /// The files of pairs in the order of pairs: the first and the second image have names, or are in folders of
 /// names, that differ in a and b (or TSI's LA and LB) only, such as `img_01_a.tif` and `img_01_b.tif`. `None`
 /// if no two names do.
-///
-/// # Errors
-/// A name without its partner, where others have theirs.
+/// Errors: a name without its partner, where others have theirs.
 pub(crate) fn paired(files: &[PathBuf]) -> Result<Option<Vec<PathBuf>>> {
     let mut pairs: BTreeMap<String, [Option<usize>; 2]> = BTreeMap::new();
     for (k, file) in files.iter().enumerate() {

@@ -43,9 +43,7 @@ const COLUMNS: [&str; 6] = ["frame", "track", "x_px", "y_px", "z_um", "d_um"];
 impl Known {
     /// Reads the tables: one with `frame, z_um` has heights of planes, one with `frame, x_px, y_px` (and
     /// `z_um`, `track`) positions of particles.
-    ///
-    /// # Errors
-    /// A table with other columns, or tables of particles that differ in these; values that do not fit the
+    /// Errors: a table with other columns, or tables of particles that differ in these; values that do not fit the
     /// recording, by file and line.
     pub(crate) fn read(
         files: &[InputFile],

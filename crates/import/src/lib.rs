@@ -164,9 +164,7 @@ pub struct Unused {
 }
 
 /// Imports a recording into a new folder, which is complete or not there.
-///
-/// # Errors
-/// Input that cannot be used, by file, page or line, and value; an existing folder, unless `force`; writing.
+/// Errors: input that cannot be used, by file, page or line, and value; an existing folder, unless `force`; writing.
 pub fn import(out: &Path, options: &ImportOptions) -> Result<Imported> {
     if options.scan.is_none() {
         needs_scan(options)?;

@@ -73,9 +73,7 @@ pub(crate) struct Stacks {
 
 impl Stacks {
     /// Cuts the stacks from a scan; `file` is its name in messages.
-    ///
-    /// # Errors
-    /// A scan without single particles, or with too few depths.
+    /// Errors: a scan without single particles, or with too few depths.
     pub(crate) fn cut(scan: &Scan, file: &Path, options: &ImportOptions) -> Result<Self> {
         let name = file.display();
         let levels = scan.levels();

@@ -54,9 +54,7 @@ pub(crate) fn is_made(out: &Path) -> bool {
 }
 
 /// Whether the release already exists and is to be left unchanged.
-///
-/// # Errors
-/// An existing challenge, unless it was made from the dataset and `options.challenge.resume` keeps it, or
+/// Errors: an existing challenge, unless it was made from the dataset and `options.challenge.resume` keeps it, or
 /// `options.challenge.force` and `options.challenge.new_keys` replace it, or `options.challenge.resume` continues that; any other folder that is not empty.
 pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool> {
     let out = &options.out;

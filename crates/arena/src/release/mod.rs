@@ -152,9 +152,7 @@ pub const SALT: &str = "salt.bin";
 const MARK: &str = "public/commitment.sha256";
 
 /// Creates the release, atomically; `None` if it is to be resumed but is already finished.
-///
-/// # Errors
-/// A deadline that has passed; a dataset that does not verify or whose truth cannot be hidden; an existing release, unless `resume`, or
+/// Errors: a deadline that has passed; a dataset that does not verify or whose truth cannot be hidden; an existing release, unless `resume`, or
 /// `force` and `new_keys`; an I/O error.
 pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Released>> {
     let start = Instant::now();

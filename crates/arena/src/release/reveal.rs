@@ -53,9 +53,7 @@ pub struct Revealed {
 }
 
 /// Writes the truth of a challenge into a folder, after checking it against the published commitment.
-///
-/// # Errors
-/// A deadline that has not passed, or no deadline, unless `early`; files that do not match the commitment; an existing
+/// Errors: a deadline that has not passed, or no deadline, unless `early`; files that do not match the commitment; an existing
 /// folder, unless `force`.
 pub fn reveal(challenge: &Path, options: &RevealOptions) -> Result<Revealed> {
     let earlier = Earlier::new(COMMITMENT, options.force);

@@ -76,9 +76,7 @@ pub enum ImagesHash {
 
 impl Submission {
     /// Parses `submission.json`.
-    ///
-    /// # Errors
-    /// Invalid JSON, unknown or missing keys, wrong types.
+    /// Errors: invalid JSON, unknown or missing keys, wrong types.
     pub fn parse(text: &str) -> std::result::Result<Self, String> {
         storage::json::parse(text)
     }
@@ -133,9 +131,7 @@ impl SubmissionFiles {
     }
 
     /// Opens a submission.
-    ///
-    /// # Errors
-    /// An archive that is invalid, exceeds `limits` or lacks one of the files; links and devices anywhere in
+    /// Errors: an archive that is invalid, exceeds `limits` or lacks one of the files; links and devices anywhere in
     /// it.
     pub fn open(path: &Path, limits: Limits) -> Result<Self> {
         if path.is_dir() {
@@ -174,9 +170,7 @@ impl SubmissionFiles {
 
 /// Unpacks the files of an archive, called `given` in messages, to which `wanted` gives a path in `out` and a largest size in
 /// bytes, by the parts of their names. Returns these paths.
-///
-/// # Errors
-/// An archive that is invalid; a wanted file that is larger, a link, or there several times; errors of `wanted`.
+/// Errors: an archive that is invalid; a wanted file that is larger, a link, or there several times; errors of `wanted`.
 pub(crate) fn unpack(
     path: &Path,
     given: &Path,
@@ -253,9 +247,7 @@ pub fn limits(test: &Path) -> Result<Limits> {
 
 /// Validates a submission for a test split, without the truth. Messages begin with the given path; for an
 /// archive, the names of its files follow.
-///
-/// # Errors
-/// [`Error::Input`] with every problem, with line numbers.
+/// Errors: [`Error::Input`] with every problem, with line numbers.
 pub fn validate(test: &Path, files: &SubmissionFiles) -> Result<Validated> {
     let mut problems = Vec::new();
     let place = Manifest::read(test)?.microsig.scoring.and_then(|rules| rules.suite);

@@ -46,9 +46,7 @@ pub struct Comparison {
 }
 
 /// Compares scores and writes `leaderboard.csv`, `curves.csv` and `leaderboard.html`.
-///
-/// # Errors
-/// Files that are not scores; an existing folder, unless `force`; an I/O error.
+/// Errors: files that are not scores; an existing folder, unless `force`; an I/O error.
 pub fn compare(paths: &[InputFile], out: &Path, force: bool) -> Result<Comparison> {
     compare_sweep(paths, out, force, None)
 }

@@ -46,9 +46,7 @@ pub use twin_page::{OnBoth, TrackerScores, TwinAbout, TwinScore, twin_page};
 pub(crate) const REPORT: &str = "report.html";
 
 /// Checks that the files of an evaluation may be written into a folder.
-///
-/// # Errors
-/// A folder in a dataset; an existing one, unless `force` replaces it.
+/// Errors: a folder in a dataset; an existing one, unless `force` replaces it.
 pub fn check(out: &Path, force: bool) -> Result<Earlier> {
     let earlier = Earlier::new(SCORE, force);
     outside_datasets(out)?;
@@ -69,9 +67,7 @@ pub struct WrittenReport {
 ///
 /// For a test split generated with a secret key these files reveal the truth; what may be sent to the
 /// participants is in the folder `for_team`.
-///
-/// # Errors
-/// An existing folder, unless `force`; an I/O error.
+/// Errors: an existing folder, unless `force`; an I/O error.
 pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Result<WrittenReport> {
     let earlier = check(out, force)?;
     let partial = Partial::start(out)?;

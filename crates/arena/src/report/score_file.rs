@@ -19,9 +19,7 @@ const LARGEST: u64 = 64 << 20;
 const LARGEST_UNITS: u64 = 1 << 30;
 
 /// Reads a score file, or the one in a folder.
-///
-/// # Errors
-/// A file that is not a score, with every problem in it.
+/// Errors: a file that is not a score, with every problem in it.
 pub(super) fn read(path: &InputFile) -> Result<Score> {
     let file: InputFile = if path.is_dir() { path.join(SCORE).into() } else { path.clone() };
     if path.is_dir() && !file.exists() {
@@ -51,18 +49,14 @@ pub(super) fn read_units(path: &InputFile) -> Result<Option<UnitScores>> {
 }
 
 /// Parses the input of the paired comparison.
-///
-/// # Errors
-/// The first problem in it.
+/// Errors: the first problem in it.
 pub fn parse_units(text: &str) -> std::result::Result<UnitScores, String> {
     let units: UnitScores = serde_json::from_str(text).map_err(|e| e.to_string())?;
     if units.is_sound() { Ok(units) } else { Err("not written by microsig evaluate".to_owned()) }
 }
 
 /// Parses a score.
-///
-/// # Errors
-/// Every problem in it.
+/// Errors: every problem in it.
 pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
     let value: Value = serde_json::from_str(text).map_err(|e| vec![e.to_string()])?;
     let mut score: Score =

@@ -29,9 +29,7 @@ pub struct Checked {
 
 /// Checks the results of a tracker, a folder or archive, for the suite in a folder: generated, released, or with the test
 /// splits of a release unpacked beside its `suite.json`. `cases`: every `TRACK/CASE` of the suite.
-///
-/// # Errors
-/// [`Error::Input`] with every problem; no results.
+/// Errors: [`Error::Input`] with every problem; no results.
 pub fn check(record: &SuiteRecord, datasets: &Path, cases: &[String], submission: &Path) -> Result<Checked> {
     let entry = Entry::open(submission, submission.to_owned(), (record, datasets, cases))?;
     if let Some(fault) = &entry.fault {

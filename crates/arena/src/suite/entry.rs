@@ -89,9 +89,7 @@ impl Entry {
     }
 
     /// The result for a `TRACK/CASE` whose test split is in a folder; `None` if there is none. With what may be wrong with it.
-    ///
-    /// # Errors
-    /// Why it cannot be scored: results for other images, and what [`crate::release::validate`] refuses.
+    /// Errors: why it cannot be scored: results for other images, and what [`crate::release::validate`] refuses.
     pub(super) fn result(
         &self,
         record: &SuiteRecord,

@@ -177,9 +177,7 @@ type Scored = (String, std::result::Result<Option<Evaluation>, String>);
 
 /// Scores all results, and writes `suite_scores.csv`, `suite_scores.json`, `index.html` and the complete
 /// scores of each.
-///
-/// # Errors
-/// A folder of another suite or version; a test split that is missing though there are results; existing scores, unless `force`; an I/O error.
+/// Errors: a folder of another suite or version; a test split that is missing though there are results; existing scores, unless `force`; an I/O error.
 pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<SuiteScores> {
     let record = SuiteRecord::read(datasets)?;
     record.matches(suite, datasets)?;
@@ -313,9 +311,7 @@ fn entries_of(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// The folders and archives of trackers.
-///
-/// # Errors
-/// No results; of folders that are no submissions, results for tracks and cases that the suite does not have.
+/// Errors: no results; of folders that are no submissions, results for tracks and cases that the suite does not have.
 fn entries(results: &[PathBuf], suite: (&SuiteRecord, &Path, &[String]), late: bool) -> Result<Vec<Entry>> {
     let (record, _, cases) = suite;
     let paths: Vec<Vec<PathBuf>> = results.iter().map(|folder| entries_of(folder)).collect::<Result<_>>()?;

@@ -38,9 +38,7 @@ struct Participant {
 }
 
 /// Names, purposes and times of the trackers that have such a file.
-///
-/// # Errors
-/// A file of another form, a case that the suite does not have at this size, a time that is not > 0.
+/// Errors: a file of another form, a case that the suite does not have at this size, a time that is not > 0.
 pub(super) fn annotations(entries: &mut [Entry], cases: &[String]) -> Result<Annotations> {
     let mut more = Annotations::default();
     let mut problems = Vec::new();

@@ -56,9 +56,7 @@ pub struct SuiteReleaseOptions {
 
 /// Makes a challenge of each chosen case, and the folder to be published. Returns the cases, each with its challenge if it
 /// was made now.
-///
-/// # Errors
-/// As for [`crate::release::release`]; datasets with other rules than the suite's; a release of another suite,
+/// Errors: as for [`crate::release::release`]; datasets with other rules than the suite's; a release of another suite,
 /// version, size or deadline.
 pub fn release(
     suite: &Suite,

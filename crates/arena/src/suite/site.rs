@@ -55,9 +55,7 @@ pub(super) fn link(path: &str) -> String {
 
 impl Site {
     /// Starts a site.
-    ///
-    /// # Errors
-    /// An existing folder, unless it is a site and `force`.
+    /// Errors: an existing folder, unless it is a site and `force`.
     pub(super) fn start(folder: &Path, force: bool) -> Result<Self> {
         let earlier = Earlier::new(RULES, force || folder.join(UNFINISHED).is_file());
         check_replaceable(folder, earlier)?;

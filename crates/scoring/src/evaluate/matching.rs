@@ -46,9 +46,7 @@ pub enum Cost {
 }
 
 /// A1: in each frame the most admissible pairs and, among such assignments, the least cost.
-///
-/// # Errors
-/// A gate so wide that a frame has more than [`MAX_PAIRS`] pairs.
+/// Errors: a gate so wide that a frame has more than [`MAX_PAIRS`] pairs.
 pub fn optimal(truth: &TrackSet, result: &TrackSet, gate: &Gate, cost: Cost) -> Result<Matching> {
     let frames: Vec<_> =
         side_by_side(truth, result).into_iter().filter(|(_, t, r)| !t.is_empty() && !r.is_empty()).collect();

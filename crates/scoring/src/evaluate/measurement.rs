@@ -64,9 +64,7 @@ pub fn beyond(facts: &RecordingFacts, path: &Path, found: &TrackerResult) -> Vec
 }
 
 /// Refuses a dataset and a result in the wrong order.
-///
-/// # Errors
-/// A file in place of the dataset, and a dataset in place of the result.
+/// Errors: a file in place of the dataset, and a dataset in place of the result.
 pub fn check_order(dataset: &Path, result: &Path) -> Result<()> {
     if dataset.is_file() && result.join(MANIFEST).is_file() {
         return Err(Error::input(format!(

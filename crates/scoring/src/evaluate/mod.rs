@@ -137,9 +137,7 @@ pub struct Particles {
 }
 
 /// Scores a result.
-///
-/// # Errors
-/// A truth without what the result is; options that do not apply to it.
+/// Errors: a truth without what the result is; options that do not apply to it.
 pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions) -> Result<Evaluation> {
     options.check()?;
     let is_field = matches!(result, TrackerResult::Field(_));
@@ -252,9 +250,7 @@ fn definitions(facts: &RecordingFacts) -> Definitions {
 }
 
 /// Scores particles.
-///
-/// # Errors
-/// Options that do not apply; a gate so wide that a frame has too many pairs.
+/// Errors: options that do not apply; a gate so wide that a frame has too many pairs.
 pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<Evaluation> {
     let depth = options::dimensions(truth, points, options)?;
     let gate = options::gate(truth, depth, options)?;

@@ -39,9 +39,7 @@ pub struct Truth {
 impl Truth {
     /// Reads the particles (or `fields`) of a dataset, or a bare table; returns the limits of its results,
     /// too.
-    ///
-    /// # Errors
-    /// Files that are unreadable or malformed; a Cramér-Rao bound of a bare table.
+    /// Errors: files that are unreadable or malformed; a Cramér-Rao bound of a bare table.
     pub fn read(path: &Path, is_field: bool, options: &EvaluateOptions) -> Result<(Self, Limits)> {
         let facts = measurement::facts_of(path, &options.conventions)?;
         if !path.is_dir() {
@@ -117,9 +115,7 @@ impl Truth {
 }
 
 /// Scores a result file against a dataset's folder or a bare table of the truth.
-///
-/// # Errors
-/// Files that are unreadable or malformed; options that do not apply to them.
+/// Errors: files that are unreadable or malformed; options that do not apply to them.
 pub fn evaluate_files(
     dataset: &Path,
     result: impl Into<InputFile>,
@@ -142,9 +138,7 @@ pub fn evaluate_files(
 }
 
 /// Scores a result against the truth that `truth` returns for a result that is, or is not, a field.
-///
-/// # Errors
-/// Errors of `truth`; a result that is malformed; options that do not apply.
+/// Errors: errors of `truth`; a result that is malformed; options that do not apply.
 pub fn evaluate_source(
     truth: impl FnOnce(bool) -> Result<(Truth, Limits)>,
     result: Source,

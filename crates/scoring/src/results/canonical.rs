@@ -37,9 +37,7 @@ fn axis(sheet: &TextTable) -> Option<AxisColumns> {
 }
 
 /// Reads a table of particles.
-///
-/// # Errors
-/// All problems of the table, with line numbers.
+/// Errors: all problems of the table, with line numbers.
 pub fn points(path: impl Into<InputFile>, given: &Conventions) -> Result<Points> {
     points_of(TextTable::open(path, 1)?.at_most(given.limits.rows), given)
 }
@@ -75,9 +73,7 @@ pub(super) fn points_of(sheet: TextTable, given: &Conventions) -> Result<Points>
 }
 
 /// Reads a displacement field.
-///
-/// # Errors
-/// All problems of the table, with line numbers.
+/// Errors: all problems of the table, with line numbers.
 pub fn field(path: impl Into<InputFile>, given: &Conventions) -> Result<Field> {
     field_of(TextTable::open(path, 1)?.at_most(given.limits.rows), given)
 }

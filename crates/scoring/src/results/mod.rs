@@ -111,9 +111,7 @@ const EXTENSIONS: [&str; 5] = ["txt", "dat", "csv", "vec", "flo"];
 
 impl Source {
     /// A file, or all of a folder or pattern (`*` is any text, `?` any character), in natural order.
-    ///
-    /// # Errors
-    /// A folder that cannot be read, that has no or several kinds of results; a pattern that fits no name.
+    /// Errors: a folder that cannot be read, that has no or several kinds of results; a pattern that fits no name.
     pub fn at(path: InputFile) -> Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let is_pattern = name.contains(['*', '?']) && !path.exists();
@@ -169,9 +167,7 @@ impl Source {
     }
 
     /// Reads the result.
-    ///
-    /// # Errors
-    /// Everything that is wrong with it, with line numbers.
+    /// Errors: everything that is wrong with it, with line numbers.
     pub fn read(self, format: Format, given: &Conventions) -> Result<TrackerResult> {
         let how = if given.format.is_some() { "format given" } else { "format detected from the header" };
         let given = &Conventions { format: Some(format), ..*given };
@@ -213,9 +209,7 @@ impl Source {
 const COLUMNS: &str = "result";
 
 /// Reads a result file; the format is detected unless `given`.
-///
-/// # Errors
-/// All problems of the file, with line numbers; an unknown format.
+/// Errors: all problems of the file, with line numbers; an unknown format.
 pub fn read(path: impl Into<InputFile>, given: &Conventions) -> Result<TrackerResult> {
     let source = Source::at(path.into())?;
     let format = source.format(given)?;
@@ -376,9 +370,7 @@ fn unique(name: &str, points: &Points) -> Result<()> {
 }
 
 /// Detects the format of a file from its first lines.
-///
-/// # Errors
-/// An empty file; a header that matches no format.
+/// Errors: an empty file; a header that matches no format.
 pub fn detect(path: impl Into<InputFile>) -> Result<Format> {
     let path = &path.into();
     let name = path.display();

@@ -270,9 +270,7 @@ impl TextTable {
 
     /// Calls `each` with every row and collects the problems it reports. Returns a note on how the table
     /// differs from plain CSV, if it does.
-    ///
-    /// # Errors
-    /// All problems, shortened to a readable list.
+    /// Errors: all problems, shortened to a readable list.
     pub fn rows(
         mut self,
         mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>,
