@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 
 use serde_json::{Value, json};
 use suite::leak::{Files, Known, unzip};
-use suite::microsig::{binary, fail, generate, path, run};
+use suite::microsig::{self, binary, fail, generate, path, run};
 
 use crate::release::{scenario, unpack};
 
@@ -36,7 +36,7 @@ static RELEASED: LazyLock<Released> = LazyLock::new(|| {
     run(&["suite", "generate", "odpc1", "--size", "smoke", "--out", path(&datasets), "--quiet"]);
     let more = ["--codabench", "--deadline", DEADLINE, "--submit-to", ADDRESS, "--quiet"];
     run(&[&["suite", "release", "odpc1", path(&datasets), "--out", path(&out)][..], &more].concat());
-    let listed = json_of(&["suite", "list", "odpc1", "--size", "smoke"]);
+    let listed = microsig::json(&["suite", "list", "odpc1", "--size", "smoke"]);
     let mut cases = Vec::new();
     for track in listed["tracks"].as_array().unwrap() {
         for case in track["cases"].as_array().unwrap() {
@@ -60,10 +60,6 @@ static RELEASED: LazyLock<Released> = LazyLock::new(|| {
     Released { _place: place, datasets, out, team, results, cases }
 });
 
-fn json_of(arguments: &[&str]) -> Value {
-    serde_json::from_str(&run(&[arguments, &["--quiet", "--json"]].concat())).unwrap()
-}
-
 fn read(file: &Path) -> Value {
     serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
 }
@@ -86,7 +82,7 @@ fn of_any_file(mut score: Value) -> Value {
 
 fn score(suite: &str, datasets: &Path, results: &Path, out: &Path) -> Value {
     let of = ["suite", "score", suite, path(datasets), "--results", path(results), "--out", path(out)];
-    json_of(&of)
+    microsig::json(&of)
 }
 
 /// The results of the cases of a scored suite, by `TRACK/CASE`.
@@ -120,7 +116,7 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
     let both = place.path().join("both");
     let of =
         ["suite", "score", "odpc1", path(&c.out), "--results", path(&c.results), "--results", path(&inbox)];
-    json_of(&[&of[..], &["--out", path(&both)]].concat());
+    microsig::json(&[&of[..], &["--out", path(&both)]].concat());
     // Against a published leaderboard, with which each tracker is compared.
     let (board, against) = (place.path().join("board"), place.path().join("against"));
     fs::create_dir_all(board.join("results")).unwrap();
@@ -144,7 +140,7 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
     score("odpc1", &generated, &c.results, &alone);
     for (case, _) in &c.cases {
         let [test, result] = [c.out.join(case).join("withheld/test"), mine.join(case).join("results.csv")];
-        let evaluated = of_any_file(json_of(&["evaluate", path(&test), path(&result)]));
+        let evaluated = of_any_file(microsig::json(&["evaluate", path(&test), path(&result)]));
         for (scores, tracker) in [(&both, "one"), (&both, "packed"), (&alone, "one")] {
             let found = read(&scores.join("scores").join(tracker).join(case).join("score.json"));
             assert_eq!(of_any_file(found), evaluated, "{case}: {tracker}");
@@ -164,6 +160,11 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
         assert_eq!(of_any_file(read(&app.join("all.json"))), evaluated, "{case}: Codabench");
         let told = read(&both.join("scores/one").join(case).join("for_team/score.json"));
         assert_eq!(of_any_file(read(&app.join("output/score.json"))), of_any_file(told), "{case}");
+        // Every column of its leaderboard has a number.
+        let board = fs::read_to_string(app.join("competition.yaml")).unwrap();
+        let mut columns = board.lines().filter_map(|line| line.trim().strip_prefix("key: "));
+        let scores = read(&app.join("output/scores.json"));
+        assert!(columns.all(|key| key == "main" || scores[key].is_number()), "{case}: {scores}");
     }
     let of = |case: &str| read(&both.join("scores/one").join(case).join("score.json"))["definitions"].clone();
     let p2 = of("P2/ppp_0.01");
@@ -293,7 +294,7 @@ fn results_for_other_images_are_refused_by_name() {
         "--force",
         "--late",
     ];
-    assert_eq!(result(&json_of(&of), case, "good")["status"], "scored");
+    assert_eq!(result(&microsig::json(&of), case, "good")["status"], "scored");
 }
 
 #[test]
@@ -374,7 +375,7 @@ fn gates_of_a_challenge_are_those_of_all_its_splits() {
     let splits =
         [place.path().join("small-train"), place.path().join("small-val"), out.join("withheld/test")];
     for split in &splits {
-        let score = json_of(&["evaluate", path(split), path(&split.join("truth/tracks.csv"))]);
+        let score = microsig::json(&["evaluate", path(split), path(&split.join("truth/tracks.csv"))]);
         let gate = &score["definitions"]["gate"];
         assert_eq!((&gate["xy_px"], &gate["z_um"]), (&json!(0.7), &json!(3.0)), "{}", split.display());
         run(&["verify", path(split), "--regenerate", "--quiet"]);
@@ -422,6 +423,6 @@ fn a_sweep_and_a_comparison_follow_the_rules_of_the_scenario() {
         scores.push(out);
     }
     let board = place.path().join("board");
-    let compared = json_of(&["compare", path(&scores[0]), path(&scores[1]), "--out", path(&board)]);
+    let compared = microsig::json(&["compare", path(&scores[0]), path(&scores[1]), "--out", path(&board)]);
     assert_eq!(compared["entries"][0]["name"], "exact", "{compared}");
 }

@@ -1,12 +1,12 @@
-//! The bundle for Codabench: its scoring program, run on files laid out as the platform does, gives the
-//! numbers of `evaluate`.
+//! The bundle for Codabench: its files, and its scoring program, run on files laid out as the platform does. `chain`
+//! compares its numbers with `evaluate`.
 
 use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use suite::microsig::{binary, fail, json, path, run};
+use suite::microsig::{binary, fail, path, run};
 
 use crate::release::{CHALLENGE, images_sha256, submission, unpack};
 
@@ -29,26 +29,8 @@ fn stand_in(wheel: &Path) {
     zip.finish().unwrap();
 }
 
-/// The numbers of the leaderboard are those told to the team, near those of `evaluate`.
-fn assert_rounded(scores: &Value, told: &Value, alone: &Value) {
-    for (key, part, name) in [
-        ("f1", "detection", "f1"),
-        ("recall", "detection", "recall"),
-        ("rmse_xy_px", "detection", "rmse_xy_px"),
-        ("sigma_z_over_h", "gdpt", "sigma_z_over_h"),
-        ("link_f1", "links", "f1"),
-        ("hota", "hota", "hota"),
-    ] {
-        // Rounded as for the team, within three digits.
-        assert_eq!(scores[key], told[part][name], "{key}");
-        let (few, exact) = (scores[key].as_f64().unwrap(), alone[part][name].as_f64().unwrap());
-        assert!((few - exact).abs() < 0.05, "{key}: {few} {exact}");
-        assert!(few.to_string().len() <= 5, "{key}: {few}");
-    }
-}
-
 #[test]
-fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
+fn the_bundle_has_all_that_its_scoring_program_needs() {
     let c = &*CHALLENGE;
     let place = tempfile::tempdir().unwrap();
     let out = place.path().join("challenge");
@@ -93,18 +75,18 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     let read = |name: &str| -> Value {
         serde_json::from_slice(&std::fs::read(app.join("output").join(name)).unwrap()).unwrap()
     };
-    let result = app.join("input/res");
-    let alone: Value = json(&["evaluate", path(&test), path(&result)]);
     let scores = read("scores.json");
     let written = std::fs::read(app.join("output/scores.json")).unwrap();
-    assert!(alone["detection"]["recall"].as_f64().unwrap() < 0.9, "{alone}");
-    assert_rounded(&scores, &read("score.json"), &alone);
-    // Every column of the leaderboard has a number.
+    // The numbers of the leaderboard are those told to the team.
+    for (key, told) in [
+        ("recall", "/detection/recall"),
+        ("link_f1", "/links/f1"),
+        ("sigma_z_over_h", "/gdpt/sigma_z_over_h"),
+    ] {
+        assert_eq!(Some(&scores[key]), read("score.json").pointer(told), "{key}");
+    }
+    assert!(scores["recall"].as_f64().unwrap() < 0.9, "{scores}");
     let competition = std::fs::read_to_string(bundle.join("competition.yaml")).unwrap();
-    let columns: Vec<&str> =
-        competition.lines().filter_map(|line| line.trim().strip_prefix("key: ")).collect();
-    assert_eq!(columns[0], "main");
-    assert!(columns[1..].iter().all(|key| scores[*key].is_number()), "{columns:?}: {scores}");
     for line in competition.lines().filter_map(|line| line.trim().split_once(": ")) {
         let is_file = line.1.ends_with(".md") || line.1.ends_with(".zip") || line.1.ends_with(".png");
         assert!(!is_file || bundle.join(line.1).is_file(), "{line:?}");

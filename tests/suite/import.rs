@@ -119,6 +119,11 @@ impl Recording {
         own.iter().chain(&scale).chain(more).map(|text| (*text).to_owned()).collect()
     }
 
+    /// What an import of these images with this scan reports.
+    fn import(&self, images: &str, scan: &str, more: &[&str]) -> Value {
+        json(&self.arguments(images, scan, more).iter().map(String::as_str).collect::<Vec<_>>())
+    }
+
     /// The message about an import that is refused.
     fn refused(&self, images: &str, scan: &str, more: &[&str]) -> String {
         let arguments = self.arguments(images, scan, more);
@@ -138,8 +143,7 @@ fn a_recording_of_other_programs_is_tracked_and_scored() {
     let recording = Recording::new();
     let (planes, known, out) = (recording.at("planes.csv"), recording.at("known.csv"), recording.at("out"));
     let more = ["--page", "1", "--field", "2", "--dt", "0.1", "--truth", path(&planes), path(&known)];
-    let arguments = recording.arguments("run.ome.tif", "scan.tif", &more);
-    let made = json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let made = recording.import("run.ome.tif", "scan.tif", &more);
     assert_eq!((&made["frames"], &made["written"], &made["depths"]), (&6.into(), &6.into(), &21.into()));
     assert_eq!(made["places"].as_array().unwrap().len(), 4, "{made}");
     // Rays of gain 3.2 in counts of 24: 0.13 per count, of the background (10 / 24)^2, of rounding 1 / 12.
@@ -177,12 +181,7 @@ fn a_recording_of_other_programs_is_tracked_and_scored() {
     run(&["export", path(&out), "--format", "trackpy", "--out", path(&recording.at("known.trackpy.csv"))]);
 
     // Without track numbers there are no links.
-    let arguments = recording.arguments(
-        "run.ome.tif",
-        "scan.tif",
-        &[&more[..], &["--all-particles", "--force"]].concat(),
-    );
-    run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    recording.import("run.ome.tif", "scan.tif", &[&more[..], &["--all-particles", "--force"]].concat());
     let score: Value = json(&["evaluate", path(&out), path(&found)]);
     assert!(score["detection"]["precision"].is_number(), "{}", score["detection"]);
     assert!(score["links"].is_null() && score["hota"].is_null(), "{}", score["links"]);
@@ -199,8 +198,7 @@ fn optics_make_mle_possible() {
     std::fs::write(recording.at("optics.ron"), OPTICS).unwrap();
     let (optics, planes, out) = (recording.at("optics.ron"), recording.at("planes.csv"), recording.at("out"));
     let more = ["--page", "1", "--optics", path(&optics), "--truth", path(&planes)];
-    let arguments = recording.arguments("run.ome.tif", "scan.tif", &more);
-    run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    recording.import("run.ome.tif", "scan.tif", &more);
     // Where the model's focus is on the axis of the stage is found.
     let card = std::fs::read_to_string(out.join("README.md")).unwrap();
     let zero: f64 =
@@ -221,8 +219,7 @@ fn the_twin_of_a_recording_predicts_the_scores_of_trackers() {
     let [optics, planes, out, twin] =
         ["optics.ron", "planes.csv", "out", "twin"].map(|name| recording.at(name));
     let more = ["--page", "1", "--optics", path(&optics), "--truth", path(&planes)];
-    let arguments = recording.arguments("run.ome.tif", "scan.tif", &more);
-    run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    recording.import("run.ome.tif", "scan.tif", &more);
     // A tracker that finds what `ncc` found last.
     let command = format!(
         "ncc,cp {}/$(basename {{dataset}} | sed s/out/recorded/)-ncc.csv {{out}} # {{images}}",
@@ -293,8 +290,7 @@ fn another_background_than_that_of_the_scan_is_said() {
         |by: u8| eight_bit(&PASSES[2][4]).iter().map(|count| count.saturating_add(by)).collect::<Vec<_>>();
     for (by, is_said) in [(0, false), (5, true)] {
         write_eight_bit(&recording.at("run.tif"), &[brighter(by)], "a camera");
-        let arguments = recording.arguments("run.tif", "scan.tif", &["--force"]);
-        let made = json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        let made = recording.import("run.tif", "scan.tif", &["--force"]);
         let said = made["warnings"].to_string();
         assert_eq!(said.contains("in the scan 14.0"), is_said, "{said}");
     }
@@ -309,14 +305,12 @@ fn whole_files_are_linked_or_copied_as_they_are() {
     for (k, plane) in [4, 7, 13].into_iter().enumerate() {
         write_eight_bit(&folder.join(format!("img{}.tif", 8 + k)), &[eight_bit(&planes[plane])], "a camera");
     }
-    let arguments = recording.arguments("run", "scan.tif", &[]);
-    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let made = json(&arguments);
+    let made = recording.import("run", "scan.tif", &[]);
     assert_eq!(made["linked"].as_u64().unwrap() + made["copied"].as_u64().unwrap(), 3);
     // In natural order: img8, img9, img10.
     let first = std::fs::read(recording.at("out/images/frame_00000.tif")).unwrap();
     assert_eq!(first, std::fs::read(folder.join("img8.tif")).unwrap());
-    let copied = json(&[&arguments[..], &["--copy", "--force"]].concat());
+    let copied = recording.import("run", "scan.tif", &["--copy", "--force"]);
     assert_eq!(copied["copied"], 3);
     let unknown = fail(2, &["evaluate", path(&recording.at("out")), path(&recording.at("known.csv"))]);
     assert!(unknown.contains("nothing is known"), "{unknown}");

@@ -327,7 +327,12 @@ fn the_test_split_may_hide_another_flow() {
     assert!(kept.contains("777"), "{kept}");
     let told = unzip(&out.join("public/small-test.zip")).unwrap();
     assert!(told.values().all(|bytes| !String::from_utf8_lossy(bytes).contains("777.0")));
-    run(&["verify", path(&out.join("withheld/test")), "--regenerate"]);
+    let test = out.join("withheld/test");
+    run(&["verify", path(&test), "--regenerate"]);
+    // Train does not tell its field, which is scored.
+    let field = place.path().join("field.csv");
+    std::fs::write(&field, "pair,x_px,y_px,dx_px,dy_px,flag\n0,40,40,1,0,0\n").unwrap();
+    run(&["evaluate", path(&test), path(&field), "--quiet"]);
 }
 
 #[test]

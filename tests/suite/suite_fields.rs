@@ -95,21 +95,6 @@ fn a_released_case_of_fields_takes_fields() {
     assert_eq!(&columns[1..], ["valid_nodes", "rms_nodes_px"]);
     let reference = unzip(&bundle.join("reference_data.zip")).unwrap();
     assert!(reference.keys().any(|name| name == "fields_only.txt"));
-    // The scoring program gives each column its number.
-    let app = place.path().join("app");
-    unpack(&bundle.join("reference_data.zip"), &app.join("input/ref"));
-    unpack(&bundle.join("scoring_program.zip"), &app.join("program"));
-    std::fs::create_dir_all(app.join("input")).unwrap();
-    std::fs::rename(&submission, app.join("input/res")).unwrap();
-    let mut command = std::process::Command::new("python3");
-    command.env("MICROSIG", suite::microsig::binary()).arg(app.join("program/scoring.py"));
-    let said = command.args([app.join("input"), app.join("output")]).output().unwrap();
-    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
-    let scores: Value =
-        serde_json::from_slice(&std::fs::read(app.join("output/scores.json")).unwrap()).unwrap();
-    assert!(columns[1..].iter().all(|key| scores[*key].is_number()), "{scores}");
-
-    let submission = app.join("input/res");
     std::fs::write(submission.join("results.csv"), "frame,track,x_px,y_px\n0,-1,40,40\n").unwrap();
     for split in [&test, &withheld] {
         let message = fail(2, &["evaluate", path(split), path(&submission), "--quiet"]);
