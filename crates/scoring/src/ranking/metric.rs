@@ -196,6 +196,13 @@ macro_rules! score {
     };
 }
 
+/// Compares by a statistic of sums over units.
+macro_rules! sums {
+    ($part:ident: $sums:pat => $statistic:expr) => {
+        Resamples(|units, draws| resampled(&units.$part, draws, |$sums| $statistic))
+    };
+}
+
 use Better::{Greater, NearOne, NearZero, Smaller};
 use Compared::{Errors, Interval as Ends, Resamples};
 
@@ -213,10 +220,7 @@ pub static SCORES: &[ScoreDef] = &[
     .published(Published::Rate),
     score!(Particles d in detection: ["precision", "detection.precision", "precision", ""], Greater,
         d.precision, d.interval_precision)
-    .ranks(
-        Metric::Precision,
-        Resamples(|u, draws| resampled(&u.detection, draws, |[tp, _, fp]| ratio(tp, tp + fp))),
-    )
+    .ranks(Metric::Precision, sums!(detection: [tp, _, fp] => ratio(tp, tp + fp)))
     .headline()
     .published(Published::Rate),
     score!(Particles d in detection: ["rmse_xy_px", "detection.rmse_xy_px", "RMSE xy", "px"], Smaller,
@@ -243,17 +247,14 @@ pub static SCORES: &[ScoreDef] = &[
     .published(Published::DepthShare),
     score!(Particles c in crps: ["crps_xy_px", "crps.xy_px", "CRPS xy", "px"], Smaller,
         c.xy_px, c.interval_xy_px)
-    .ranks(Metric::CrpsXyPx, Resamples(|u, draws| resampled(&u.crps, draws, |[n, xy, _]| ratio(xy, n))))
+    .ranks(Metric::CrpsXyPx, sums!(crps: [n, xy, _] => ratio(xy, n)))
     .published(Published::Px),
     score!(Particles c in crps: ["crps_z_um", "crps.z_um", "CRPS z", "um"], Smaller,
         c.z_um, c.interval_z_um)
-        .ranks(Metric::CrpsZUm, Resamples(|u, draws| resampled(&u.crps, draws, |[n, _, z]| ratio(z, n))))
+        .ranks(Metric::CrpsZUm, sums!(crps: [n, _, z] => ratio(z, n)))
     .published(Published::Um),
     score!(Particles l in links: ["link_f1", "links.f1", "link F1", ""], Greater, l.f1, l.interval_f1)
-        .ranks(
-            Metric::LinkF1,
-            Resamples(|u, draws| resampled(&u.links, draws, |[tp, n, m]| ratio(2.0 * tp, n + m))),
-        )
+        .ranks(Metric::LinkF1, sums!(links: [tp, n, m] => ratio(2.0 * tp, n + m)))
         .heading("links")
         .criterion()
     .published(Published::Rate),
@@ -269,12 +270,7 @@ pub static SCORES: &[ScoreDef] = &[
     .published(Published::Rate),
     score!(Particles i in isbi: ["isbi_beta", "isbi.beta", "ISBI beta", ""], Greater,
         i.beta, i.interval_beta)
-        .ranks(
-            Metric::IsbiBeta,
-            Resamples(|u, draws| {
-                resampled(&u.isbi, draws, |[gain, length, others]| ratio(gain, length + others))
-            }),
-        )
+        .ranks(Metric::IsbiBeta, sums!(isbi: [gain, length, others] => ratio(gain, length + others)))
     .published(Published::Rate),
     score!(Particles i in isbi: ["isbi_jsc", "isbi.jsc", "ISBI JSC", ""], Greater, i.jsc, i.interval_jsc)
     .published(Published::Rate),
@@ -286,52 +282,35 @@ pub static SCORES: &[ScoreDef] = &[
     .ranks(Metric::LptCorrect, Resamples(found_per_true))
     .published(Published::Rate),
     score!(Particles l in lpt: ["lpt_ghost", "lpt.ghost", "ghosts", ""], Smaller, l.ghost, l.interval_ghost)
-        .ranks(
-            Metric::LptGhost,
-            Resamples(|u, draws| resampled(&u.detection, draws, |[tp, missed, fp]| ratio(fp, tp + missed))),
-        )
+        .ranks(Metric::LptGhost, sums!(detection: [tp, missed, fp] => ratio(fp, tp + missed)))
     .published(Published::Rate),
     score!(Particles l in lpt: ["velocity_rms_um_s", "lpt.velocity_rms_um_s", "velocity RMS", "um/s"], Smaller,
         l.motion.velocity_rms_um_s, l.interval_velocity_rms_um_s)
     .ranks(Metric::VelocityRmsUmS, Errors(|u| &u.velocity)),
     score!(Particles o in orientation: ["angle_mean_all_deg", "orientation.mean_all_deg", "mean angle of all", "deg"], Smaller,
         o.mean_all_deg, o.interval_mean_all_deg)
-    .ranks(
-        Metric::AngleMeanAllDeg,
-        Resamples(|u, draws| resampled(&u.angles, draws, |[n, sum]| ratio(sum, n))),
-    )
+    .ranks(Metric::AngleMeanAllDeg, sums!(angles: [n, sum] => ratio(sum, n)))
     .published(Published::Degrees),
     score!(Particles s in size: ["size_right", "size.right", "right size of all", ""], Greater, s.right, s.interval_right)
-        .ranks(Metric::SizeRight, Resamples(|u, draws| resampled(&u.sizes, draws, |[n, right]| ratio(right, n))))
+        .ranks(Metric::SizeRight, sums!(sizes: [n, right] => ratio(right, n)))
         .published(Published::Rate),
     score!(Particles s in size: ["size_rms_um", "size.rms_um", "RMSE diameter", "um"], Smaller,
         s.rms_um, s.interval_rms_um),
     score!(Field f in field: ["valid_nodes", "field.nodes.valid", "valid nodes", ""], Greater,
         f.nodes.valid, f.nodes.interval_valid)
-    .ranks(
-        Metric::ValidNodes,
-        Resamples(|u, draws| resampled(&u.nodes, draws, |[n, _, valid, ..]| ratio(valid, n))),
-    )
+    .ranks(Metric::ValidNodes, sums!(nodes: [n, _, valid, ..] => ratio(valid, n)))
     .heading("nodes")
     .criterion()
     .published(Published::Rate),
     score!(Field f in field: ["rms_nodes_px", "field.nodes.rms_px", "RMS at nodes", "px"], Smaller,
         f.nodes.rms_px, f.nodes.interval_rms_px)
-    .ranks(
-        Metric::RmsNodesPx,
-        Resamples(|u, draws| {
-            resampled(&u.nodes, draws, |[n, _, _, squares, ..]| ratio(squares, n).map(f64::sqrt))
-        }),
-    )
+    .ranks(Metric::RmsNodesPx, sums!(nodes: [n, _, _, squares, ..] => ratio(squares, n).map(f64::sqrt)))
     .heading("RMS px")
     .criterion()
     .published(Published::Px),
     score!(Field f in field: ["response_nodes", "field.nodes.response", "amplitude response", ""], NearOne,
         f.nodes.response, f.nodes.interval_response)
-    .ranks(
-        Metric::ResponseNodes,
-        Resamples(|u, draws| resampled(&u.nodes, draws, |[.., product, exact]| ratio(product, exact))),
-    )
+    .ranks(Metric::ResponseNodes, sums!(nodes: [.., product, exact] => ratio(product, exact)))
     .heading("response"),
     score!(Field f in field: ["valid_vector_probability", "field.valid_vector_probability", "valid vectors", ""], Greater,
         f.main.valid_vector_probability, f.main.interval_valid_vector_probability)
