@@ -159,7 +159,7 @@ fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> 
     run(py, false, OnInterrupt::Leave, move |_| {
         let options = how.options()?;
         let truth = |is_field| match &dataset {
-            DatasetPlace::Memory(made) => Truth::of_memory(made, is_field, &options),
+            DatasetPlace::Memory(made) => Truth::from_memory(made, is_field, &options),
             DatasetPlace::Folder(path) => Truth::read(path, is_field, &options),
         };
         let evaluation = match (&dataset, &file) {

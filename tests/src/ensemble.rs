@@ -22,7 +22,7 @@ pub struct Ensemble {
     /// Unbiased variance of each pixel, counts^2.
     pub variance: Vec<f64>,
     /// Measures of the mean image.
-    pub of_mean: Measures,
+    pub mean_measures: Measures,
     /// Standard errors of the measures: their spread over single images / sqrt(images).
     pub standard_errors: Measures,
 }
@@ -85,7 +85,7 @@ impl Ensemble {
         Ok(Ensemble {
             images,
             width,
-            of_mean: measure(width, &mean),
+            mean_measures: measure(width, &mean),
             standard_errors: standard_errors(&single),
             mean,
             variance,
@@ -98,7 +98,7 @@ impl Ensemble {
     /// This is the distribution that the regular spirals of the model approximate. The spirals leave a row
     /// pattern in the mean of any number of images, random rays do not. Only directions that can reach the
     /// aperture are drawn.
-    pub fn of_random_light(settings: &Settings, particle: &Particle, seed: u64, rays: u64) -> Self {
+    pub fn with_random_light(settings: &Settings, particle: &Particle, seed: u64, rays: u64) -> Self {
         let system = OpticalSystem::new(settings);
         let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
         let (distance, radius) = (system.objective.object_distance(particle.z_um), particle.d_um / 2.0);
@@ -146,15 +146,15 @@ impl Ensemble {
         let n = f64::from(images);
         let mean: Vec<f64> = counts.iter().map(|&c| c as f64 / n).collect();
         // Counts of independent rays are Poisson distributed.
-        let of_mean = measure(width, &mean);
+        let mean_measures = measure(width, &mean);
         let mut errors = [f64::NAN; Measures::NAMES.len()];
-        errors[0] = (of_mean.total / n).sqrt();
+        errors[0] = (mean_measures.total / n).sqrt();
         Ensemble {
             images,
             width,
             variance: mean.clone(),
             standard_errors: Measures::from_values(errors),
-            of_mean,
+            mean_measures,
             mean,
         }
     }

@@ -21,7 +21,7 @@ pub struct Case {
     /// Number of images averaged.
     pub images: u32,
     /// Measures of the mean image.
-    pub of_mean: Measures,
+    pub mean_measures: Measures,
     /// Their standard errors.
     pub standard_errors: Measures,
     /// Fano factor: variance over mean of its pixels.
@@ -67,7 +67,7 @@ pub fn cases(folder: &Path) -> anyhow::Result<Vec<Case>> {
         };
         cases.push(Case {
             images: number("K")? as u32,
-            of_mean: measures("")?,
+            mean_measures: measures("")?,
             standard_errors: measures("_se")?,
             fano: number("fano")?,
             folder: folder.join(text("case")?),
@@ -117,7 +117,7 @@ impl Case {
     /// each plus 3 combined standard errors. Variance over mean: 0.1; its own statistical error is 0.01 to
     /// 0.04 (few bright pixels, 20 images).
     pub fn check_measures(&self, ours: &Ensemble) -> Vec<Check> {
-        let t = &self.of_mean;
+        let t = &self.mean_measures;
         let bars = [
             0.005 * t.total,
             0.01,
@@ -133,7 +133,7 @@ impl Case {
                 let combined = self.standard_errors.values()[i].hypot(ours.standard_errors.values()[i]);
                 Check {
                     quantity: Measures::NAMES[i],
-                    ours: ours.of_mean.values()[i],
+                    ours: ours.mean_measures.values()[i],
                     theirs: t.values()[i],
                     allowed: bars[i] + 3.0 * combined,
                 }

@@ -75,7 +75,7 @@ fn about(release: &Path, results: &Path) {
 }
 
 /// A score without what names the file.
-fn of_any_file(mut score: Value) -> Value {
+fn without_file_name(mut score: Value) -> Value {
     score["result"] = Value::Null;
     score
 }
@@ -140,10 +140,10 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
     score("odpc1", &generated, &c.results, &alone);
     for (case, _) in &c.cases {
         let [test, result] = [c.out.join(case).join("withheld/test"), mine.join(case).join("results.csv")];
-        let evaluated = of_any_file(microsig::json(&["evaluate", path(&test), path(&result)]));
+        let evaluated = without_file_name(microsig::json(&["evaluate", path(&test), path(&result)]));
         for (scores, tracker) in [(&both, "one"), (&both, "packed"), (&alone, "one")] {
             let found = read(&scores.join("scores").join(tracker).join(case).join("score.json"));
-            assert_eq!(of_any_file(found), evaluated, "{case}: {tracker}");
+            assert_eq!(without_file_name(found), evaluated, "{case}: {tracker}");
         }
         // Codabench's program computes the same, of which it shows what a team is told.
         let app = place.path().join("app").join(case);
@@ -157,9 +157,13 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
         program.env("MICROSIG", binary()).args(["-c", KEEPING]).arg(app.join("program/scoring.py"));
         let said = program.args(["input", "output", "all.json"].map(|name| app.join(name))).output().unwrap();
         assert!(said.status.success(), "{case}: {}", String::from_utf8_lossy(&said.stderr));
-        assert_eq!(of_any_file(read(&app.join("all.json"))), evaluated, "{case}: Codabench");
+        assert_eq!(without_file_name(read(&app.join("all.json"))), evaluated, "{case}: Codabench");
         let told = read(&both.join("scores/one").join(case).join("for_team/score.json"));
-        assert_eq!(of_any_file(read(&app.join("output/score.json"))), of_any_file(told), "{case}");
+        assert_eq!(
+            without_file_name(read(&app.join("output/score.json"))),
+            without_file_name(told),
+            "{case}"
+        );
         // Every column of its leaderboard has a number.
         let board = fs::read_to_string(app.join("competition.yaml")).unwrap();
         let mut columns = board.lines().filter_map(|line| line.trim().strip_prefix("key: "));

@@ -67,7 +67,7 @@ fn it_is_the_mean_of_random_light() {
         1.0,
         &[-35.0, -20.0, -6.0, -0.5, 3.0],
         41,
-        |settings, p, seed| Ensemble::of_random_light(settings, p, seed, 1_000_000),
+        |settings, p, seed| Ensemble::with_random_light(settings, p, seed, 1_000_000),
     );
 }
 
@@ -191,7 +191,7 @@ fn images_of_the_original_are_met() {
             // The expected image has no statistical error.
             images: 1_000_000,
             width,
-            of_mean: measure(width, &light),
+            mean_measures: measure(width, &light),
             standard_errors: Measures::from_values([0.0; 8]),
             variance: light.clone(),
             mean: light,

@@ -174,7 +174,7 @@ fn hota_and_identity_are_those_of_trackeval() {
 /// traccuracy's pairing: an unmatched point costs the gate, so one good pair may be preferred to two mediocre
 /// ones.
 fn truncated(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Matching {
-    let mut matching = Matching { of_truth: vec![NONE; truth.len()], of_result: vec![NONE; result.len()] };
+    let mut matching = Matching { result_for: vec![NONE; truth.len()], truth_for: vec![NONE; result.len()] };
     for (_, t, r) in side_by_side(truth, result) {
         let mut pairs = Vec::new();
         for (row, i) in (0..).zip(t.clone()) {
@@ -187,7 +187,7 @@ fn truncated(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Matching {
         }
         for pair in max_weight_matching(t.len(), r.len(), pairs) {
             let (i, j) = (t.start + pair.row as usize, r.start + pair.column as usize);
-            (matching.of_truth[i], matching.of_result[j]) = (j as u32, i as u32);
+            (matching.result_for[i], matching.truth_for[j]) = (j as u32, i as u32);
         }
     }
     matching

@@ -42,7 +42,8 @@ fn images_point_where_the_axis_does() {
             for (i, axis) in twenty_axes().into_iter().enumerate() {
                 // Near best focus, so that blur hides little of the shape.
                 let particle = spheroid(-25.0, d_um, e_p, axis);
-                let image = Ensemble::draw(&settings, &[particle], law, 100 + i as u64, 8).unwrap().of_mean;
+                let image =
+                    Ensemble::draw(&settings, &[particle], law, 100 + i as u64, 8).unwrap().mean_measures;
                 let long_axis = 0.5 * (2.0 * image.mxy).atan2(image.mxx - image.myy);
                 // The image of a rod is elongated along its axis, a disc's across it.
                 let expected =
@@ -77,7 +78,7 @@ fn the_nearer_end_is_the_right_one() {
                 let wider_at_the_nearer_end = |z_um: f64| {
                     let particle = spheroid(z_um, d_um, e_p, axis);
                     let image = Ensemble::draw(&settings, &[particle], law, 200 + i as u64, 4).unwrap();
-                    let m = image.of_mean;
+                    let m = image.mean_measures;
                     let (mut skew, mut across) = (0.0, 0.0);
                     for (x, y, v) in lit_pixels(image.width, &image.mean) {
                         let (dx, dy) = (x - m.cx, y - m.cy);
@@ -108,7 +109,7 @@ fn the_two_laws_differ_as_much_as_they_should() {
     for (z_um, ratio) in [(-30.0, 0.83), (20.0, 0.92)] {
         let [original, uniform] = LAWS.map(|law| {
             let particle = spheroid(z_um, 6.0, 3.0, [0.0, 1.0, 0.0]);
-            Ensemble::draw(&settings, &[particle], law, 3, 8).unwrap().of_mean.myy
+            Ensemble::draw(&settings, &[particle], law, 3, 8).unwrap().mean_measures.myy
         });
         println!("z {z_um}: {:.4}", uniform / original);
         // The reference values are given to 1 %; the statistical error is 0.1 %.

@@ -123,13 +123,13 @@ fn the_scatter_of_the_focus_is_a_constant_of_each_track() {
     }
     assert_eq!(tables[1]["optics_dz_um"], tables[2]["optics_dz_um"]);
     let scatter = |row: usize| tables[2]["optics_dz_um"][row] - tables[0]["optics_dz_um"][row];
-    let mut of_track = std::collections::BTreeMap::new();
+    let mut by_track = std::collections::BTreeMap::new();
     for (row, track) in tables[2]["track"].iter().enumerate() {
-        let known = of_track.entry(*track as u64).or_insert(scatter(row));
+        let known = by_track.entry(*track as u64).or_insert(scatter(row));
         assert!((*known - scatter(row)).abs() < 1e-9, "{known}, {}", scatter(row));
     }
     // As in data files: 1.5 times as much is physical. Four standard errors.
-    let values: Vec<f64> = of_track.into_values().collect();
+    let values: Vec<f64> = by_track.into_values().collect();
     let moment = |k: i32| values.iter().map(|v| (v / 3.0).powi(k)).sum::<f64>() / values.len() as f64;
     let error = 4.0 / (values.len() as f64).sqrt();
     assert!(moment(1).abs() < error && (moment(2) - 1.0).abs() < 1.5 * error, "{} {}", moment(1), moment(2));

@@ -215,7 +215,7 @@ fn fields() {
         "/field/n_reported",
         "/field/n_interpolated",
     ];
-    let of_truth = [
+    let true_keys = [
         "/field/n_outside",
         "/field/nodes",
         "/field/u",
@@ -223,7 +223,7 @@ fn fields() {
         "/field/aee_px",
         "/field/outlier_fraction",
     ];
-    are_formats("field_formats.json", &Dataset::new("pair"), &files, &[&keys[..], &of_truth].concat());
+    are_formats("field_formats.json", &Dataset::new("pair"), &files, &[&keys[..], &true_keys].concat());
 }
 
 /// A leaderboard of two cases: an honest tracker, one with a missing case, one with a file that is refused.

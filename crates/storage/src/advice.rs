@@ -33,7 +33,7 @@ pub const fn flag(key: &'static str) -> Named {
 
 impl Named {
     /// An option of the command without units by its name: `gate` for `--gate`.
-    pub fn of_command(name: &str) -> Self {
+    pub fn from_command(name: &str) -> Self {
         Named { key: Cow::Owned(name.replace('-', "_")), value: Value::None }
     }
 

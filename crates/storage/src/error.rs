@@ -174,7 +174,7 @@ impl Error {
     }
 
     /// Whether the cause lies outside the request, such as a full disk or another process.
-    pub fn is_of_the_system(&self) -> bool {
+    pub fn is_io(&self) -> bool {
         matches!(
             self,
             Error::Write { .. }
@@ -190,7 +190,7 @@ impl Error {
         match self {
             Error::Failed(_) => 1,
             Error::Busy { .. } => 2,
-            error if error.is_of_the_system() => 1,
+            error if error.is_io() => 1,
             Error::Flow(flows::Error::Trajectory { .. }) => 1,
             _ => 2,
         }

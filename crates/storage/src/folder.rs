@@ -136,7 +136,7 @@ impl FolderClaim {
         std::fs::create_dir_all(&partial).map_err(Error::write(&partial))?;
         let temporary = Temporary::partial(&partial, !remove_on_drop);
         let journal = Journal::open(&partial)?;
-        let output = OutputFolder::of_journal(&partial, Arc::clone(&journal));
+        let output = OutputFolder::with_journal(&partial, Arc::clone(&journal));
         Ok(Partial { output, path, remove_on_drop, journal, before, temporary, lock })
     }
 }

@@ -90,12 +90,12 @@ impl TemporaryFolder {
 }
 
 /// Called by the first interruption, instead of exiting.
-static ENDING: Mutex<Option<Box<dyn Fn() + Send>>> = Mutex::new(None);
+static SHUTDOWN: Mutex<Option<Box<dyn Fn() + Send>>> = Mutex::new(None);
 
 /// Allows a program that runs until it is interrupted to end by itself: the first signal calls `end`, the
 /// second one exits.
 pub fn on_interrupt(end: impl Fn() + Send + 'static) {
-    *ENDING.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(end));
+    *SHUTDOWN.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(end));
 }
 
 /// Exit code of an interrupted program, the shell convention for SIGINT.
@@ -105,7 +105,7 @@ const EXIT_CODE: i32 = 130;
 /// exits, it calls `report` with whether a run can be resumed.
 pub fn clean_up_on_signals(report: impl Fn(bool) + Send + 'static) -> Result<()> {
     ctrlc::set_handler(move || {
-        if let Some(end) = ENDING.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        if let Some(end) = SHUTDOWN.lock().unwrap_or_else(PoisonError::into_inner).take() {
             return end();
         }
         INTERRUPTED.store(true, Ordering::SeqCst);

@@ -170,14 +170,14 @@ mod tests {
         let journal = Journal::open(folder).unwrap();
         let source = BTreeMap::from([("a".to_owned(), "b".to_owned())]);
         journal.source(&source).unwrap();
-        let output = OutputFolder::of_journal(folder, Arc::clone(&journal));
+        let output = OutputFolder::with_journal(folder, Arc::clone(&journal));
         output.subfolder("images").unwrap().save_bytes("a\nb.tif", b"x").unwrap();
         let fingerprint = Fingerprint::of(b"x");
         output.finished("images/a\nb.tif", &fingerprint).unwrap();
         journal.write("{\"file\":\"cut").unwrap();
 
         let journal = Journal::open(folder).unwrap();
-        OutputFolder::of_journal(folder, Arc::clone(&journal)).create("next").unwrap();
+        OutputFolder::with_journal(folder, Arc::clone(&journal)).create("next").unwrap();
         OutputFolder::existing(folder).save_bytes("unlisted", b"").unwrap();
         let listing = read(folder).unwrap().unwrap();
         assert_eq!(listing.source, Some(source));

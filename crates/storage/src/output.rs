@@ -28,7 +28,7 @@ impl OutputFolder {
     }
 
     /// A folder under construction.
-    pub(crate) fn of_journal(path: &Path, journal: Arc<Journal>) -> Self {
+    pub(crate) fn with_journal(path: &Path, journal: Arc<Journal>) -> Self {
         OutputFolder { journal: Some(journal), ..OutputFolder::existing(path) }
     }
 

@@ -249,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_a_long_line_the_part_around_the_problem_is_shown() {
+    fn a_long_line_is_shown_around_the_problem() {
         let text = format!("(\n{}bad: µ1{}\n)", "a: 1, ".repeat(100_000), ", b: 2".repeat(100_000));
         let start = text.find("bad").unwrap();
         let source = Arc::new(Source::file("s.ron", &text));

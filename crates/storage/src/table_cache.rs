@@ -22,7 +22,7 @@ const CHECKSUM: usize = 32;
 /// Size limit of the folder unless `MICROSIG_CACHE_MB` sets another: 2 GB.
 const MOST_MB: u64 = 2000;
 /// Extension of files.
-const ENDING: &str = "table";
+const EXTENSION: &str = "table";
 /// Age at which temporary files count as left over, s.
 const LEFT_OVER_S: u64 = 3600;
 
@@ -40,7 +40,7 @@ impl TableFolder {
     /// The user's cache: `MICROSIG_CACHE`, or `microsig/tables` in the system's cache folder; `None` if
     /// neither exists. Errors: a limit that is not a number; a folder given by `MICROSIG_CACHE` that cannot
     /// be created.
-    pub fn of_user() -> Result<Option<Self>> {
+    pub fn for_user() -> Result<Option<Self>> {
         let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
         let caches = || {
             set("XDG_CACHE_HOME")
@@ -71,7 +71,7 @@ impl TableFolder {
 
     fn path(&self, description: &str) -> PathBuf {
         let name = Fingerprint::of(format!("{}\0{description}", self.program).as_bytes()).sha256;
-        self.folder.join(name.to_string()).with_extension(ENDING)
+        self.folder.join(name.to_string()).with_extension(EXTENSION)
     }
 
     fn write(&self, path: &Path, description: &str, bytes: &[u8]) -> std::io::Result<()> {
@@ -102,7 +102,7 @@ impl TableFolder {
             let path = entry.path();
             let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
             match ending {
-                ENDING => files.push((used, facts.len(), path)),
+                EXTENSION => files.push((used, facts.len(), path)),
                 "partial" if used.elapsed().is_ok_and(|age| age.as_secs() > LEFT_OVER_S) => {
                     let _ = std::fs::remove_file(path);
                 }

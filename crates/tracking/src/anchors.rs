@@ -51,7 +51,7 @@ fn offset(dataset: &DatasetPlace) -> Result<Output> {
 }
 
 fn moved(dataset: &DatasetPlace, mut change: impl FnMut(&mut Row)) -> Result<Output> {
-    let truth = TrueParticles::of_place(dataset)?;
+    let truth = TrueParticles::from_place(dataset)?;
     let visible = truth.rows.iter().zip(&truth.visible).filter(|(_, visible)| **visible);
     let rows = visible.map(|(row, _)| {
         let z_um = truth.has_z.then_some(row.at.z_um);

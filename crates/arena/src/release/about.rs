@@ -45,7 +45,7 @@ const OF_FIELDS: &str = "Fields have a row per vector, `pair, x_px, y_px, dx_px,
 displacement, flag 0 valid, 1 invalid, 2 interpolated. Report a vector wherever you can: places without one count as wrong.";
 
 /// The columns of particles.
-fn of_particles(in_focus: bool) -> String {
+fn particle_columns(in_focus: bool) -> String {
     let depth = if in_focus { "`z_um` may be left out. " } else { "" };
     format!(
         "Particles have one row per particle and frame, `frame, track, x_px, y_px, z_um`, and optionally `d_um`, `quality`, `sx_px`, `sy_px`, \
@@ -224,7 +224,7 @@ impl ReleaseTexts<'_> {
              - `submission/`: the template. `microsig check-submission . SUBMISSION` checks a submission without the truth.\n\n\
              ## Axes and units\n\n{axes}\n\n\
              ## Submitting\n\n\
-             {timetable}{scored}{rules}{of_particles}{of_fields}\n\n\
+             {timetable}{scored}{rules}{particle_columns}{of_fields}\n\n\
              `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and enter the hash of the images you used \
              in `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
              ## License\n\n{license}; see `LICENSE`.\n",
@@ -234,7 +234,8 @@ impl ReleaseTexts<'_> {
             timetable = self.timetable(),
             scored = self.what_is_scored(),
             rules = self.how_it_is_scored(),
-            of_particles = if self.is_for_fields() { String::new() } else { of_particles(self.in_focus) },
+            particle_columns =
+                if self.is_for_fields() { String::new() } else { particle_columns(self.in_focus) },
             of_fields = if self.scored == [ResultKind::Particles] { "" } else { OF_FIELDS },
             license = self.license.id,
         )

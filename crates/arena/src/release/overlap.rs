@@ -100,7 +100,7 @@ pub(super) fn particles(train: &Path, test: &Path) -> Result<Option<Shared>> {
 /// Number of tracks or squares of nodes over which scores of the test split can be averaged.
 pub(super) fn units(test: &Path, scored: &[ResultKind]) -> Result<usize> {
     if scored == [ResultKind::Fields] {
-        let truth = true_field::of_dataset(test, None)?;
+        let truth = true_field::from_dataset(test, None)?;
         return Ok(truth.fields.first().map_or(0, |(_, field)| squares(field, &truth.facts)));
     }
     let truth = TrueParticles::read(test, &Conventions::default())?;
@@ -121,7 +121,7 @@ pub(super) fn field(train: &Path, test: &Path) -> Result<bool> {
     if !train.join(FieldRow::PATH).exists() || !test.join(FieldRow::PATH).exists() {
         return Ok(false);
     }
-    let (train, test) = (true_field::of_dataset(train, None)?, true_field::of_dataset(test, None)?);
+    let (train, test) = (true_field::from_dataset(train, None)?, true_field::from_dataset(test, None)?);
     let (Some((_, known)), Some((_, asked))) = (train.fields.first(), test.fields.first()) else {
         return Ok(false);
     };

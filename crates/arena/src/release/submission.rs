@@ -428,7 +428,7 @@ pub(crate) fn particles_or_vectors(
             )),
             (false, false) => warnings.push("no z_um: scored in the image plane only".to_owned()),
         }
-        let sure = Limits::of_truth(0, 0, (width * height) as u64).rows;
+        let sure = Limits::for_truth(0, 0, (width * height) as u64).rows;
         if rows > sure {
             warnings.push(format!(
                 "more than {sure} rows: scoring refuses results of more than {} rows for each row of the truth",

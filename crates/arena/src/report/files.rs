@@ -82,7 +82,7 @@ pub(super) fn matches(of: &Particles) -> impl Iterator<Item = MatchRow> + '_ {
     let (truth, result) = (&of.scored.truth, &of.scored.result);
     let z = |z: f64| of.depth.then_some(z);
     let true_ones = truth.points.iter().enumerate().map(move |(i, p)| {
-        let r = of.matching.of_truth[i];
+        let r = of.matching.result_for[i];
         let found =
             (r != NONE).then(|| (result.points[r as usize].source, error(truth, result, (i, r as usize))));
         MatchRow {
@@ -98,7 +98,7 @@ pub(super) fn matches(of: &Particles) -> impl Iterator<Item = MatchRow> + '_ {
             dz_um: found.and_then(|f| z(f.1[2])),
         }
     });
-    let ghosts = result.points.iter().enumerate().filter(|(j, _)| of.matching.of_result[*j] == NONE).map(
+    let ghosts = result.points.iter().enumerate().filter(|(j, _)| of.matching.truth_for[*j] == NONE).map(
         move |(_, p)| MatchRow {
             frame: p.frame,
             kind: "ghost",

@@ -248,11 +248,11 @@ fn frames(of: &Particles) -> Result<Vec<Markup>> {
         };
         let (mut found, mut missed) = (Vec::new(), Vec::new());
         for i in of_frame(t) {
-            let list = if of.matching.of_truth[i] == NONE { &mut missed } else { &mut found };
+            let list = if of.matching.result_for[i] == NONE { &mut missed } else { &mut found };
             list.push(place(&t.points[i]));
         }
         let ghosts =
-            of_frame(r).filter(|&j| of.matching.of_result[j] == NONE).map(|j| place(&r.points[j])).collect();
+            of_frame(r).filter(|&j| of.matching.truth_for[j] == NONE).map(|j| place(&r.points[j])).collect();
         let [hits, misses, extra] = frame.counts;
         let caption = format!("{why} ({}).", frame.frame);
         let names =

@@ -129,7 +129,7 @@ impl Compared {
                 plane.map_or(0.0, |plane| plane.error_um(point.at.x_px, point.at.y_px))
             };
             let seen =
-                truth.points.iter().zip(&of.matching.of_truth).enumerate().map(|(i, (point, j))| Seen {
+                truth.points.iter().zip(&of.matching.result_for).enumerate().map(|(i, (point, j))| Seen {
                     unit: (i64::from(point.track), -1),
                     z_um: point.at.z_um,
                     radius_px: radius(point.at.x_px, point.at.y_px, of.sensor_px),

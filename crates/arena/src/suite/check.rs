@@ -74,14 +74,14 @@ pub fn check(record: &SuiteRecord, datasets: &Path, cases: &[String], submission
     }
     let mut text = format!("{}: {found} of {} cases can be scored", record.edition(), cases.len());
     if !missing.is_empty() {
-        text += &format!("; {}", of_missing(&missing));
+        text += &format!("; {}", missing_text(&missing));
     }
     text += &record.deadline.as_ref().map(|day| format!("; deadline {day}")).unwrap_or_default();
     Ok(Checked { found, missing, warnings, text })
 }
 
 /// All missing cases in one line.
-pub(super) fn of_missing(missing: &[impl AsRef<str>]) -> String {
+pub(super) fn missing_text(missing: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 4;
     let shown: Vec<&str> = missing.iter().take(SHOWN).map(AsRef::as_ref).collect();
     let more = missing.len().saturating_sub(SHOWN);

@@ -475,13 +475,13 @@ fn result(
 fn standings(tracks: &[&str], cases: &[CaseScores]) -> Vec<Standing> {
     let mut all = Vec::new();
     for track in tracks {
-        let of_track: Vec<&CaseScores> = cases.iter().filter(|case| case.track == *track).collect();
+        let track_cases: Vec<&CaseScores> = cases.iter().filter(|case| case.track == *track).collect();
         let mut trackers: Vec<&String> =
-            of_track.iter().flat_map(|case| case.results.iter().map(|result| &result.tracker)).collect();
+            track_cases.iter().flat_map(|case| case.results.iter().map(|result| &result.tracker)).collect();
         trackers.sort();
         trackers.dedup();
         let better = Pairs::new(trackers.len(), |a, b| {
-            (of_track.iter().map(|case| case.difference(trackers[b], trackers[a])).sum::<i32>().cmp(&0), 0)
+            (track_cases.iter().map(|case| case.difference(trackers[b], trackers[a])).sum::<i32>().cmp(&0), 0)
         });
         let mut ranks = vec![0; trackers.len()];
         better.ranks().into_iter().for_each(|(i, rank)| ranks[i] = rank);
@@ -489,7 +489,7 @@ fn standings(tracks: &[&str], cases: &[CaseScores]) -> Vec<Standing> {
             .iter()
             .zip(ranks)
             .map(|(tracker, rank)| {
-                let own: Vec<&CaseResult> = of_track
+                let own: Vec<&CaseResult> = track_cases
                     .iter()
                     .flat_map(|case| case.results.iter().filter(|r| r.tracker == **tracker))
                     .collect();
@@ -497,7 +497,7 @@ fn standings(tracks: &[&str], cases: &[CaseScores]) -> Vec<Standing> {
                 Standing {
                     track: (*track).to_owned(),
                     tracker: (*tracker).clone(),
-                    cases: of_track.len(),
+                    cases: track_cases.len(),
                     scored: count(Status::Scored),
                     refused: count(Status::Refused),
                     rank,

@@ -40,7 +40,7 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
     tracks.dedup();
     let mut parts = Vec::new();
     for track in tracks {
-        parts.push(of_track(scores, track, more)?);
+        parts.push(track_section(scores, track, more)?);
     }
     let title = format!("{} {}, size {}", scores.suite, scores.version, scores.size.name());
     let body = html! {
@@ -57,7 +57,7 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
     Ok(document(&title, &body))
 }
 
-fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Markup> {
+fn track_section(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Markup> {
     let cases: Vec<&CaseScores> = scores.cases.iter().filter(|case| case.track == track).collect();
     let standings: Vec<&Standing> = scores.standings.iter().filter(|s| s.track == track).collect();
     let mut plots = Vec::new();

@@ -17,7 +17,7 @@ use include_dir::{Dir, include_dir};
 use maud::{Markup, html};
 use serde_json::json;
 
-use super::site::{link, of_track, ranks};
+use super::site::{link, ranks, track_rules};
 use super::{PAGE, RESULT};
 use crate::package::Package;
 use crate::release::existing::{self, remove_if_there};
@@ -99,7 +99,7 @@ pub fn release(
         }
         let one = release_dataset(
             &datasets.join(case.split_folder(Split::Train)),
-            &of_case(suite, &case, options)?,
+            &case_options(suite, &case, options)?,
         )?;
         let sums = options.out.join(case.folder()).join("withheld/test").join(SHA256SUMS);
         record.images_sha256.insert(case.folder(), images_digest(&input::read_text(&sums)?));
@@ -116,7 +116,7 @@ fn forget_baselines(out: &Path, case: &SuiteCase) -> Result<()> {
     methods.flatten().try_for_each(|method| remove_if_there(&method.path().join(case.folder()).join(RESULT)))
 }
 
-fn of_case(suite: &Suite, case: &SuiteCase, options: &SuiteReleaseOptions) -> Result<ReleaseOptions> {
+fn case_options(suite: &Suite, case: &SuiteCase, options: &SuiteReleaseOptions) -> Result<ReleaseOptions> {
     let out = options.out.join(case.folder());
     let above = out.parent().unwrap_or(&options.out);
     std::fs::create_dir_all(above).map_err(Error::write(above))?;
@@ -240,7 +240,7 @@ fn page(suite: &Suite, record: &SuiteRecord, cases: &[Packages], options: &Suite
         h2 { "Rules" }
         @for track in suite.spec.tracks.iter().filter(entered) {
             @let orders: Vec<&[scenario::Metric]> = cases.iter().filter(|of| of.case.track == track.name).map(|of| of.case.rules.rank_by.as_slice()).collect();
-            (of_track(track, orders))
+            (track_rules(track, orders))
         }
         h2 { "Ranks" }
         (ranks())

@@ -133,7 +133,7 @@ pub(super) fn rules(suite: &Suite, scores: &SuiteScores, is_released: bool) -> S
         }
         @for track in suite.spec.tracks.iter().filter(scored) {
             @let cases = scores.cases.iter().filter(|case| case.track == track.name);
-            (of_track(track, cases.map(|case| case.rank_by.as_slice()).collect()))
+            (track_rules(track, cases.map(|case| case.rank_by.as_slice()).collect()))
         }
         h2 { "Ranks" }
         (ranks())
@@ -143,7 +143,7 @@ pub(super) fn rules(suite: &Suite, scores: &SuiteScores, is_released: bool) -> S
 }
 
 /// The scores and gates of a track; `orders`: the scores that rank each of its cases.
-pub(super) fn of_track(track: &TrackSpec, mut orders: Vec<&[scenario::Metric]>) -> Markup {
+pub(super) fn track_rules(track: &TrackSpec, mut orders: Vec<&[scenario::Metric]>) -> Markup {
     let n = orders.len();
     orders.dedup();
     let gate_z =

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::check::of_missing;
+use super::check::missing_text;
 use super::{CaseResult, Status, SuiteScores};
 use scoring::ranking::ScoreDef;
 use storage::error::{Error, Result};
@@ -106,7 +106,7 @@ pub(super) fn text(scores: &SuiteScores) -> String {
         let cases = scores.cases.iter().filter(|case| case.results.iter().any(is_missing));
         let missing: Vec<String> = cases.map(|case| format!("{}/{}", case.track, case.case)).collect();
         if !missing.is_empty() {
-            let _ = writeln!(text, "\n{tracker}: {}", of_missing(&missing));
+            let _ = writeln!(text, "\n{tracker}: {}", missing_text(&missing));
         }
     }
     for s in scores.standings.iter().filter(|s| !scores.published.contains(&s.tracker)) {

@@ -36,7 +36,7 @@ pub(super) struct CheckSubmission {
 impl CheckSubmission {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         if self.suite.is_some() || self.dataset.join(RECORD).is_file() {
-            return self.of_suite(common);
+            return self.check_suite(common);
         }
         let Checked { text, value, warnings } =
             checked(&self.dataset, &self.submission, Conventions::default())?;
@@ -45,7 +45,7 @@ impl CheckSubmission {
     }
 
     /// Checks the results of a tracker for a whole suite.
-    fn of_suite(&self, common: &Common) -> Result<()> {
+    fn check_suite(&self, common: &Common) -> Result<()> {
         let record = SuiteRecord::read(&self.dataset)?;
         let cases: Vec<String> = match &self.suite {
             Some(suite) => {

@@ -190,7 +190,7 @@ impl Cli {
             };
             let _ = writeln!(std::io::stderr().lock(), "interrupted{hint}");
         })?;
-        let folder = if keeps_tables(&matches) { TableFolder::of_user()? } else { None };
+        let folder = if keeps_tables(&matches) { TableFolder::for_user()? } else { None };
         let tables = Tables::new(folder, output::progress(&common));
         common.context = Context { tables: Some(Arc::new(tables)), ..Context::default() };
         verb.run(&common)
@@ -242,7 +242,7 @@ fn refused(e: clap::Error) -> Error {
         };
         let split = |part: Part| match &part {
             Part::Text(text) => match text.split_once(argument.as_str()) {
-                Some((before, after)) => vec![before.into(), Named::of_command(name).into(), after.into()],
+                Some((before, after)) => vec![before.into(), Named::from_command(name).into(), after.into()],
                 None => vec![part],
             },
             Part::Option(_) => vec![part],

@@ -36,7 +36,7 @@ pub(super) struct Reveal {
 impl Reveal {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         if self.challenge.join(RECORD).is_file() {
-            return self.of_suite(common);
+            return self.reveal_suite(common);
         }
         let (out, force) = (self.out.clone(), self.replace.force);
         let options = RevealOptions { out, force, early: self.early, now: SystemTime::now() };
@@ -49,7 +49,7 @@ impl Reveal {
     }
 
     /// The truth of every case of a released suite: OUT/TRACK/CASE.
-    fn of_suite(&self, common: &Common) -> Result<()> {
+    fn reveal_suite(&self, common: &Common) -> Result<()> {
         let record = SuiteRecord::read(&self.challenge)?;
         let mut all = Vec::new();
         for case in record.images_sha256.keys() {

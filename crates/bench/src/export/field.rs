@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::{ExportFormat, ExportOptions};
 use generator::runner::DatasetPlace;
-use scoring::evaluate::field::true_field::of_place;
+use scoring::evaluate::field::true_field;
 use scoring::results::{FlowVector, Position};
 use storage::advice;
 use storage::advice::option;
@@ -18,7 +18,7 @@ const UNKNOWN: f32 = 1e10;
 pub(super) fn write(dataset: &DatasetPlace, options: &ExportOptions) -> Result<(Vec<u8>, usize)> {
     let path = dataset.shown("truth/field.csv");
     let wanted = options.displacement.name();
-    let mut truth = of_place(dataset)?;
+    let mut truth = true_field::from_place(dataset)?;
     truth.fields.retain(|(kind, _)| *kind == Some(options.displacement));
     let (_, grid) =
         truth.fields.first().ok_or_else(|| Error::input(format!("{path}: no column {wanted}_dx_px")))?;

@@ -32,7 +32,7 @@ pub(super) struct Spots {
 
 impl Spots {
     pub(super) fn read(dataset: &DatasetPlace) -> Result<Self> {
-        let truth = TrueParticles::of_place(dataset)?;
+        let truth = TrueParticles::from_place(dataset)?;
         let mut spots: Vec<Spot> = (truth.rows.iter().zip(&truth.sizes).enumerate())
             .filter(|(i, _)| truth.is_scored(*i, 0.0))
             .map(|(_, (row, [d_um, _]))| Spot {

@@ -74,7 +74,7 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
             }
         }
     }
-    let (frames, left_out) = of_dataset(&app, &options.frames, &mut answers)?;
+    let (frames, left_out) = dataset_parts(&app, &options.frames, &mut answers)?;
     if answers.bytes > LARGEST {
         return Err(Error::input(format!("--export: would be larger than {} MiB", LARGEST >> 20)));
     }
@@ -101,7 +101,7 @@ impl Answers {
 
 /// Adds the first dataset with its results for the selected frames; returns the included and the omitted
 /// frames.
-fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u32>, Vec<u32>)> {
+fn dataset_parts(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u32>, Vec<u32>)> {
     let Some(open) = app.dataset(0)? else { return Ok((Vec::new(), Vec::new())) };
     let mut about = open.about()?;
     let frames = open.frames() as u32;
@@ -125,12 +125,12 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     }
     let (mut included, mut left_out) = (Vec::new(), Vec::new());
     for frame in wanted {
-        let of_frame = of_frame(app, &open, frame, open.are_pairs())?;
-        if answers.bytes + of_frame.bytes > LARGEST * 9 / 10 {
+        let frame_parts = frame_parts(app, &open, frame, open.are_pairs())?;
+        if answers.bytes + frame_parts.bytes > LARGEST * 9 / 10 {
             left_out.push(frame);
             continue;
         }
-        of_frame.all.into_iter().for_each(|(path, answer)| answers.put(&path, answer));
+        frame_parts.all.into_iter().for_each(|(path, answer)| answers.put(&path, answer));
         included.push(frame);
     }
     about["exported_frames"] = json!(included);
@@ -138,7 +138,7 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     Ok((included, left_out))
 }
 
-fn of_frame(app: &App, open: &OpenDataset, frame: u32, are_pairs: bool) -> Result<Answers> {
+fn frame_parts(app: &App, open: &OpenDataset, frame: u32, are_pairs: bool) -> Result<Answers> {
     let mut answers = Answers::default();
     let counts = open.counts(frame as usize)?.unwrap_or_default();
     answers.put(&format!("dataset/0/frame/{frame}"), json!({ "base64": BASE64.encode(&counts) }));

@@ -213,11 +213,11 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
     if let Some(gate) = evaluation.score.definitions.gate.filter(|_| r.links().next().is_some()) {
         mark_switches((t, r), &gate, &mut is_switch)?;
     }
-    let of_result = |j: usize| (r.points[j].source, r.points[j].track, from[j], is_switch[j]);
+    let result_columns = |j: usize| (r.points[j].source, r.points[j].track, from[j], is_switch[j]);
     let mut points = Vec::with_capacity(t.len());
     for (i, p) in t.points.iter().enumerate() {
-        let partner = (matching.of_truth[i] != NONE).then_some(matching.of_truth[i] as usize);
-        let (result_row, track, from, is_switch) = partner.map_or((NONE, NONE, None, false), of_result);
+        let partner = (matching.result_for[i] != NONE).then_some(matching.result_for[i] as usize);
+        let (result_row, track, from, is_switch) = partner.map_or((NONE, NONE, None, false), result_columns);
         let error = partner.map_or([f64::NAN; 3], |j| {
             let [x, y, z] = error(t, r, (i, j));
             [x, y, if particles.depth { z } else { f64::NAN }]
@@ -237,9 +237,9 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
             is_switch,
         });
     }
-    let ghosts = (0..r.len()).filter(|j| matching.of_result[*j] == NONE);
+    let ghosts = (0..r.len()).filter(|j| matching.truth_for[*j] == NONE);
     points.extend(ghosts.map(|j| {
-        let (result_row, track, from, is_switch) = of_result(j);
+        let (result_row, track, from, is_switch) = result_columns(j);
         Point {
             frame: r.points[j].frame,
             kind: PointOutcome::Ghost,

@@ -59,9 +59,9 @@ impl Subject {
                 return Err(Error::input(format!("{}: {hint}", path.display())));
             }
             if path.join(MANIFEST).is_file() {
-                return Subject::of_dataset(path, results);
+                return Subject::from_dataset(path, results);
             }
-            return Subject::of_sweep(path, results);
+            return Subject::from_sweep(path, results);
         }
         if let Some(stray) = results.first() {
             check_order(path, stray)?;
@@ -80,7 +80,7 @@ impl Subject {
         Ok(Subject { scenario: Some(path.to_owned()), ..Subject::default() })
     }
 
-    fn of_dataset(folder: &Path, results: &[PathBuf]) -> Result<Self> {
+    fn from_dataset(folder: &Path, results: &[PathBuf]) -> Result<Self> {
         let name =
             |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let mut trackers: Vec<Tracker> = Vec::new();
@@ -97,7 +97,7 @@ impl Subject {
         Ok(Subject { datasets: vec![dataset], trackers, ..Subject::default() })
     }
 
-    fn of_sweep(folder: &Path, results: &[PathBuf]) -> Result<Self> {
+    fn from_sweep(folder: &Path, results: &[PathBuf]) -> Result<Self> {
         let (axes, cases) = cases(folder)?;
         let datasets: Vec<DatasetEntry> = cases
             .into_iter()

@@ -150,12 +150,12 @@ pub(super) fn attempt(
     match generated {
         Ok(generated) => Ok(generated.is_some()),
         // A full disk or a dataset of another sweep is not a failure of the case.
-        Err(error) if error.is_of_the_system() || (out.exists() && !is_empty(out) && !force) => Err(error),
+        Err(error) if error.is_io() || (out.exists() && !is_empty(out) && !force) => Err(error),
         Err(error) => {
             let mut text = format!("{error}\n");
             match FolderClaim::take(out).and_then(FolderClaim::discard) {
                 Ok(()) => {}
-                Err(error) if error.is_of_the_system() => return Err(error),
+                Err(error) if error.is_io() => return Err(error),
                 // Files of an interrupted run stay where they are.
                 Err(kept) if kept.to_string() != error.to_string() => text += &format!("{kept}\n"),
                 Err(_) => {}

@@ -85,10 +85,10 @@ impl BoxScore {
             let (x, y) = (corner(row.at.x_px, size.w_px), corner(row.at.y_px, size.h_px));
             frames.entry(row.frame).or_default().found.push(([x, y, size.w_px, size.h_px], size.score));
         }
-        Self::of_frames(frames.into_values().collect(), points.boxes.len())
+        Self::from_frames(frames.into_values().collect(), points.boxes.len())
     }
 
-    fn of_frames(mut frames: Vec<FrameBoxes>, n_result: usize) -> Self {
+    fn from_frames(mut frames: Vec<FrameBoxes>, n_result: usize) -> Self {
         for frame in &mut frames {
             frame.truth.sort_by_key(|truth| truth.ignored);
             frame.found.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -272,7 +272,7 @@ mod tests {
                 [0.06696761094045607, 0.32655903835792804, 0.01702970297029703, 0.14516129032258066],
             ),
         ] {
-            let score = BoxScore::of_frames(frames, 0);
+            let score = BoxScore::from_frames(frames, 0);
             for (found, expected) in [(score.ap, ap), (score.ap50, ap50), (score.ap75, ap75), (score.ar, ar)]
             {
                 let found = found.unwrap();
@@ -288,9 +288,9 @@ mod tests {
         // In descending order of score: three correct ones, a ghost, four correct ones.
         let places = [0.0, 1.0, 2.0, 20.0, 3.0, 4.0, 5.0, 6.0];
         let found = places.iter().enumerate().map(|(k, place)| (at(*place), 1.0 - 0.1 * k as f64)).collect();
-        let score = BoxScore::of_frames(vec![FrameBoxes { truth, found }], 8);
+        let score = BoxScore::from_frames(vec![FrameBoxes { truth, found }], 8);
         assert_eq!(score.recall_at_1_percent_ghosts, Some(0.3));
         assert_eq!(score.recall_at_10_percent_ghosts, Some(0.7));
-        assert_eq!(BoxScore::of_frames(Vec::new(), 0).ap, None);
+        assert_eq!(BoxScore::from_frames(Vec::new(), 0).ap, None);
     }
 }

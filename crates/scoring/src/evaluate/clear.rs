@@ -70,14 +70,15 @@ impl Clear {
         // Errors, true points, matches and the sum of their distances, px.
         let mut is_ghost = vec![true; result.len()];
         hits.iter().flatten().for_each(|hit| is_ghost[hit.result as usize] = false);
-        let of_truth = hits.iter().enumerate().map(|(i, hit)| {
+        let true_points = hits.iter().enumerate().map(|(i, hit)| {
             let sums = hit.as_ref().map_or([1.0, 1.0, 0.0, 0.0], |hit| {
                 [f64::from(u8::from(hit.is_switch)), 1.0, 1.0, hit.distance * xy_px]
             });
-            (units.of_truth(i), sums)
+            (units.truth_unit(i), sums)
         });
         let ghosts = (0..result.len()).filter(|&j| is_ghost[j]);
-        let sums = units.sums(of_truth.chain(ghosts.map(|j| (units.of_result(j), [1.0, 0.0, 0.0, 0.0]))));
+        let sums =
+            units.sums(true_points.chain(ghosts.map(|j| (units.result_unit(j), [1.0, 0.0, 0.0, 0.0]))));
         let total = sums.iter().fold([0.0; 4], |t: [f64; 4], u| std::array::from_fn(|k| t[k] + u[k]));
         [score.mota, score.motp] = scores(&total);
         [score.interval_mota, score.interval_motp] = units.intervals(&sums, scores);

@@ -87,7 +87,7 @@ scores! {
 /// curve, in a single bin. `sizes`: diameter (um) and brightness of each particle. With `has_diameters` also the bound of
 /// the diameter. The inner `Err` says why
 /// there is no bound.
-pub fn of_scenario(
+pub fn from_scenario(
     scenario: &Scenario,
     sizes: &[[f64; 2]],
     detection: Option<&Detection>,
@@ -154,7 +154,7 @@ impl Images {
     fn bound(&self, k: usize, noise: &[Noise]) -> [Option<f64>; 3] {
         match self {
             Images::Spots(spot, d_um) => {
-                of_spot(*spot, noise, *d_um).map_or([None; 3], |[x, y]| [Some(x), Some(y), None])
+                spot_bound(*spot, noise, *d_um).map_or([None; 3], |[x, y]| [Some(x), Some(y), None])
             }
             Images::Drawn { images, depth_factor, .. } => {
                 let bound = images[k].as_ref().and_then(|image| bound(image, noise));
@@ -503,7 +503,7 @@ const PLACES: usize = 8;
 
 /// The bound of a pixel-integrated Gaussian particle image: sigma of x and y, px, RMS over sub-pixel
 /// positions. Brightness is estimated too; the image does not depend on depth.
-fn of_spot(spot: spec::Gaussian, noise: &[Noise], d_um: f64) -> Option<[f64; 2]> {
+fn spot_bound(spot: spec::Gaussian, noise: &[Noise], d_um: f64) -> Option<[f64; 2]> {
     // exp(-8 r^2 / d^2) = exp(-r^2 / (2 w^2))
     let w = spot.diameter_px * spot.reference_um.map_or(1.0, |reference| d_um / reference) / 4.0;
     let half = (6.0 * w).ceil() as i32 + 1;
@@ -539,11 +539,11 @@ fn of_spot(spot: spec::Gaussian, noise: &[Noise], d_um: f64) -> Option<[f64; 2]>
 
 /// The bound for a sphere at depth `z_um` (as in MicroSIG's data files), centered on a sufficiently large
 /// sensor: sigma of x, y (px), z (um). `None` if the Fisher information is singular.
-pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+pub fn from_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
     let rays = RenderMethod::Rays { spheroids: SpheroidLaw::Original }.into();
     let renderer = renderer_of(rays, settings, &Context::default())?;
     let image = image(&renderer, d_um, z_um)?;
-    Ok(image.and_then(|image| bound(&image, &[Noise::of_rays(settings)])))
+    Ok(image.and_then(|image| bound(&image, &[Noise::from_rays(settings)])))
 }
 
 /// Camera response: a pixel with `n` rays has `slope n` counts above the background, with variance
@@ -560,7 +560,7 @@ const ROUNDING: f64 = 1.0 / 12.0;
 
 impl Noise {
     /// MicroSIG's own sensor model.
-    fn of_rays(settings: &Settings) -> Self {
+    fn from_rays(settings: &Settings) -> Self {
         let (slope, noise) = (settings.gain, settings.background_noise);
         Noise { slope, background: noise * noise + ROUNDING, of_light: slope * slope }
     }
@@ -699,7 +699,7 @@ mod tests {
         let noise = Noise { slope: 1.0, background: 100.0 + ROUNDING, of_light: 0.0 };
         let of = |diameter_px: f64, reference_um: Option<f64>| {
             let spot = spec::Gaussian { diameter_px, reference_um, peak_counts: 1000.0 };
-            of_spot(spot, &[noise], 2.0).unwrap()
+            spot_bound(spot, &[noise], 2.0).unwrap()
         };
         let closed = noise.background.sqrt() / 1000.0 * (2.0 / std::f64::consts::PI).sqrt();
         let [x, y] = of(12.0, None);
@@ -707,7 +707,7 @@ mod tests {
         assert_eq!(of(8.0, Some(4.0)), of(4.0, None));
         let small = of(2.0, None)[0] / closed;
         assert!(small > 1.02 && small < 2.0, "{small}");
-        assert_eq!(of_spot(spec::Gaussian::default(), &[Noise { slope: 0.0, ..noise }], 2.0), None);
+        assert_eq!(spot_bound(spec::Gaussian::default(), &[Noise { slope: 0.0, ..noise }], 2.0), None);
     }
 
     #[test]

@@ -39,7 +39,7 @@ impl Ctc {
     pub fn of(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Self {
         let tp = matching.pairs().count();
         let correct = correct_links(result, matching, &successors(truth)).count();
-        let matched = |i: u32| matching.of_result[i as usize] != NONE;
+        let matched = |i: u32| matching.truth_for[i as usize] != NONE;
         let between_matched = result.links().filter(|&(a, b)| matched(a) && matched(b)).count();
         let (n, links) = (truth.len(), truth.links().count());
         let (fn_nodes, fp_nodes) = (n - tp, result.len() - tp);

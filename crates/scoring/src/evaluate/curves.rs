@@ -128,8 +128,8 @@ fn binned(
             continue;
         }
         counts[bin - 1] += 1;
-        if matching.of_truth[i] != NONE {
-            errors[bin - 1].push(error(t, r, (i, matching.of_truth[i] as usize)));
+        if matching.result_for[i] != NONE {
+            errors[bin - 1].push(error(t, r, (i, matching.result_for[i] as usize)));
         }
     }
     (0..n)

@@ -104,8 +104,8 @@ pub fn per_frame(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Ve
         .map(|(frame, t, r)| {
             let mut row = FrameCounts { frame, ..FrameCounts::default() };
             let (n, m) = (t.len(), r.len());
-            for i in t.filter(|&i| matching.of_truth[i] != NONE) {
-                let [dx, dy, dz] = error(truth, result, (i, matching.of_truth[i] as usize));
+            for i in t.filter(|&i| matching.result_for[i] != NONE) {
+                let [dx, dy, dz] = error(truth, result, (i, matching.result_for[i] as usize));
                 row.counts[0] += 1;
                 row.axes.iter_mut().zip([dx, dy, dz]).for_each(|(s, d)| *s += d * d);
                 row.sums[0] += dx;

@@ -134,7 +134,7 @@ impl Gdpt {
                 let inside = |z: f64| (z - node).abs() <= step + 1e-12;
                 let n_true = (0..truth.len()).filter(|&i| inside(share(truth, i))).count();
                 let fp = (0..result.len())
-                    .filter(|&i| matching.of_result[i] == NONE && inside(share(result, i)))
+                    .filter(|&i| matching.truth_for[i] == NONE && inside(share(result, i)))
                     .count();
                 let local: Vec<[f64; 3]> = errors.iter().filter(|e| inside(e.0)).map(|e| e.1).collect();
                 let axis = |k: usize| Errors::of(local.iter().map(move |e| e[k])).rms;

@@ -88,14 +88,14 @@ fn agreement(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Ve
     let mut shares: Vec<(u64, f64)> = Vec::with_capacity(candidates.pairs.len());
     let key = |p: &CandidatePair| key(truth, result, candidates, p);
     for (_, t, r, pairs) in &candidates.frames {
-        let (mut of_truth, mut of_result) = (vec![0.0; t.len()], vec![0.0; r.len()]);
+        let (mut true_sums, mut result_sums) = (vec![0.0; t.len()], vec![0.0; r.len()]);
         for p in &candidates.pairs[pairs.clone()] {
-            of_truth[p.truth as usize - t.start] += similarity(p.squared);
-            of_result[p.result as usize - r.start] += similarity(p.squared);
+            true_sums[p.truth as usize - t.start] += similarity(p.squared);
+            result_sums[p.result as usize - r.start] += similarity(p.squared);
         }
         for p in &candidates.pairs[pairs.clone()] {
             let s = similarity(p.squared);
-            let all = of_truth[p.truth as usize - t.start] + of_result[p.result as usize - r.start] - s;
+            let all = true_sums[p.truth as usize - t.start] + result_sums[p.result as usize - r.start] - s;
             shares.push((key(p), if all > f64::EPSILON { s / all } else { 0.0 }));
         }
     }
@@ -153,11 +153,11 @@ impl Hota {
         let mut matched = matched(truth, result, candidates);
         matched.sort_by_key(|m| m.0);
         let same_pairs = || matched.chunk_by(|a, b| a.0 == b.0);
-        let unit_of = |key: u64| units.of_track((key >> 32) as usize);
+        let unit_of = |key: u64| units.track_unit((key >> 32) as usize);
 
-        let mut of_result: Vec<u32> = (0..result.len()).map(|j| units.of_result(j)).collect();
-        matched.iter().for_each(|m| of_result[m.2 as usize] = unit_of(m.0));
-        let points = (0..truth.len()).map(|i| units.of_truth(i)).chain(of_result);
+        let mut result_units: Vec<u32> = (0..result.len()).map(|j| units.result_unit(j)).collect();
+        matched.iter().for_each(|m| result_units[m.2 as usize] = unit_of(m.0));
+        let points = (0..truth.len()).map(|i| units.truth_unit(i)).chain(result_units);
         let mut of_units = units.sums(points.map(|unit| {
             let mut sums = [0.0; SUMS];
             sums[0] = 1.0;

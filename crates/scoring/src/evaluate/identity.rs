@@ -45,10 +45,10 @@ impl Identity {
         // A result track belongs to the true track that it is paired with, even if it follows another one
         // equally long.
         let mut partner = vec![None; result.n_tracks()];
-        best.iter().for_each(|p| partner[p.column as usize] = Some(units.of_track(p.row as usize)));
-        let of_result = |j: usize| partner[result.points[j].track as usize].unwrap_or(units.of_result(j));
-        let found = best.iter().map(|p| (units.of_track(p.row as usize), [p.value, 0.0]));
-        let points = (0..truth.len()).map(|i| units.of_truth(i)).chain((0..result.len()).map(of_result));
+        best.iter().for_each(|p| partner[p.column as usize] = Some(units.track_unit(p.row as usize)));
+        let own_unit = |j: usize| partner[result.points[j].track as usize].unwrap_or(units.result_unit(j));
+        let found = best.iter().map(|p| (units.track_unit(p.row as usize), [p.value, 0.0]));
+        let points = (0..truth.len()).map(|i| units.truth_unit(i)).chain((0..result.len()).map(own_unit));
         let sums = units.sums(found.chain(points.map(|unit| (unit, [0.0, 1.0]))));
         let [interval_idf1] = units.intervals(&sums, |&[idtp, both]| [ratio(2.0 * idtp, both)]);
         let (n, m) = (truth.len() as f64, result.len() as f64);

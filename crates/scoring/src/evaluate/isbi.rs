@@ -94,17 +94,17 @@ impl Isbi {
         let mut items: Vec<(u32, [f64; 8])> = Vec::with_capacity(n_true + result.len());
         for track in 0..n_true {
             let frames = length(reference, track);
-            items.push((units.of_track(track), [0.0, frames, 0.0, 0.0, frames, 1.0, 0.0, 0.0]));
+            items.push((units.track_unit(track), [0.0, frames, 0.0, 0.0, frames, 1.0, 0.0, 0.0]));
         }
         let mut partner = vec![None; n_result];
         chosen
             .iter()
-            .for_each(|pair| partner[pair.column as usize] = Some(units.of_track(pair.row as usize)));
+            .for_each(|pair| partner[pair.column as usize] = Some(units.track_unit(pair.row as usize)));
         for (track, partner) in partner.iter().enumerate() {
             let (points, frames) = (result.track(track), length(result, track));
             let share = 1.0 / points.len() as f64;
             items.extend(points.iter().map(|&j| {
-                let unit = partner.unwrap_or(units.of_result(j as usize));
+                let unit = partner.unwrap_or(units.result_unit(j as usize));
                 (unit, [0.0, 0.0, frames * share, 0.0, 1.0, share, 0.0, 0.0])
             }));
         }
@@ -123,7 +123,7 @@ impl Isbi {
             let tp = same.len() as f64;
             // Paired points and tracks were counted twice.
             let more = [pair.value, 0.0, -length(result, column), tp, ghosts as f64 - tp, -1.0, 1.0, squares];
-            items.push((units.of_track(pair.row as usize), more));
+            items.push((units.track_unit(pair.row as usize), more));
         }
         let sums = units.sums(items.into_iter());
         let [interval_alpha, interval_beta, interval_jsc, interval_jsc_theta, interval_rmse] = units

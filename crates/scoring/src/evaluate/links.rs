@@ -48,7 +48,7 @@ pub fn correct_links<'a>(
     next: &'a [u32],
 ) -> impl Iterator<Item = ((usize, usize), (usize, usize))> + 'a {
     result.links().filter_map(|(a, b)| {
-        let (ta, tb) = (matching.of_result[a as usize], matching.of_result[b as usize]);
+        let (ta, tb) = (matching.truth_for[a as usize], matching.truth_for[b as usize]);
         let joined = ta != NONE && tb != NONE && next[ta as usize] == tb;
         joined.then_some(((ta as usize, tb as usize), (a as usize, b as usize)))
     })
@@ -68,10 +68,10 @@ impl Links {
         let (n, m) = (truth.links().count(), result.links().count());
         let (missed, fp) = (n - tp, m - tp);
         let [precision, recall, f1, _] = rates(tp as f64, missed as f64, fp as f64);
-        let true_ones = truth.links().map(|(a, _)| (units.of_truth(a as usize), [0.0, 1.0, 0.0]));
-        let found = result.links().map(|(a, _)| (units.of_result(a as usize), [0.0, 0.0, 1.0]));
+        let true_ones = truth.links().map(|(a, _)| (units.truth_unit(a as usize), [0.0, 1.0, 0.0]));
+        let found = result.links().map(|(a, _)| (units.result_unit(a as usize), [0.0, 0.0, 1.0]));
         let good =
-            correct_links(result, matching, &next).map(|((a, _), _)| (units.of_truth(a), [1.0, 0.0, 0.0]));
+            correct_links(result, matching, &next).map(|((a, _), _)| (units.truth_unit(a), [1.0, 0.0, 0.0]));
         let sums = units.sums(true_ones.chain(found).chain(good));
         let [interval_precision, interval_recall, interval_f1] = units.intervals(&sums, |&[tp, n, m]| {
             let [precision, recall, f1, _] = rates(tp, n - tp, m - tp);

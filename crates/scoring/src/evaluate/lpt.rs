@@ -99,7 +99,7 @@ impl Lpt {
             Matched::Ghost => (unit, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
             Matched::Pair(i, _) | Matched::Missed(i) => {
                 let [[nd, d], [nv, v], [nb, b], [na, a]] = errors[i];
-                let found = f64::from(u8::from(matching.of_truth[i] != NONE));
+                let found = f64::from(u8::from(matching.result_for[i] != NONE));
                 (unit, [1.0, found, found, nd, d, nv, v, nb, b, na, a])
             }
         });
@@ -121,7 +121,7 @@ impl Lpt {
 
     fn tracks(&mut self, (t, r): (&TrackSet, &TrackSet), matching: &Matching) {
         let partner = |i: u32| {
-            let of = matching.of_truth[i as usize];
+            let of = matching.result_for[i as usize];
             (of != NONE).then(|| r.points[of as usize].track)
         };
         let (mut coverage, mut fragments, mut followed) = (0.0, 0.0, 0.0);
@@ -162,7 +162,7 @@ impl Lpt {
             let points = r.track(track);
             lengths.push(points.len() as f64);
             self.lengths[class(points.len())] += 1;
-            let of = points.iter().map(|&i| matching.of_result[i as usize]).filter(|&of| of != NONE);
+            let of = points.iter().map(|&i| matching.truth_for[i as usize]).filter(|&of| of != NONE);
             let mut ids: Vec<u32> = of.map(|of| t.points[of as usize].track).collect();
             ids.sort_unstable();
             let groups: Vec<usize> = ids.chunk_by(|a, b| a == b).map(<[_]>::len).collect();

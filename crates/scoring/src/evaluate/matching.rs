@@ -15,24 +15,24 @@ pub const NONE: u32 = u32::MAX;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matching {
     /// Index of the result point matched to every true point, or [`NONE`].
-    pub of_truth: Vec<u32>,
+    pub result_for: Vec<u32>,
     /// Index of the true point matched to every result point, or [`NONE`].
-    pub of_result: Vec<u32>,
+    pub truth_for: Vec<u32>,
 }
 
 impl Matching {
     fn empty(truth: &TrackSet, result: &TrackSet) -> Self {
-        Matching { of_truth: vec![NONE; truth.len()], of_result: vec![NONE; result.len()] }
+        Matching { result_for: vec![NONE; truth.len()], truth_for: vec![NONE; result.len()] }
     }
 
     fn join(&mut self, truth: usize, result: usize) {
-        self.of_truth[truth] = result as u32;
-        self.of_result[result] = truth as u32;
+        self.result_for[truth] = result as u32;
+        self.truth_for[result] = truth as u32;
     }
 
     /// The matched pairs: indices of the true and the result point, in the order of true points.
     pub fn pairs(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.of_truth.iter().enumerate().filter(|(_, r)| **r != NONE).map(|(t, r)| (t, *r as usize))
+        self.result_for.iter().enumerate().filter(|(_, r)| **r != NONE).map(|(t, r)| (t, *r as usize))
     }
 }
 
@@ -92,7 +92,7 @@ pub fn greedy(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Result<Matchi
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         for (_, i, j) in order {
             let (i, j) = (t.start + i as usize, r.start + j as usize);
-            if matching.of_truth[i] == NONE && matching.of_result[j] == NONE {
+            if matching.result_for[i] == NONE && matching.truth_for[j] == NONE {
                 matching.join(i, j);
             }
         }

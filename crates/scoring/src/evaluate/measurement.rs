@@ -117,7 +117,7 @@ impl TableSize {
     pub(super) fn limits(sizes: &[TableSize], facts: &RecordingFacts) -> Limits {
         let pixels = facts.sensor_px.map_or(0.0, |(width, height)| width * height);
         let sum = |of: fn(&TableSize) -> u64| sizes.iter().map(of).sum();
-        Limits::of_truth(sum(|size| size.bytes), sum(|size| size.rows), pixels as u64)
+        Limits::for_truth(sum(|size| size.bytes), sum(|size| size.rows), pixels as u64)
     }
 }
 

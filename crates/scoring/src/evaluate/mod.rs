@@ -141,7 +141,7 @@ pub struct Particles {
 pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions) -> Result<Evaluation> {
     options.check()?;
     let is_field = matches!(result, TrackerResult::Field(_));
-    if let Some(option) = options.of_others(is_field) {
+    if let Some(option) = options.foreign_option(is_field) {
         let [of, is] = if is_field { ["particles", "a field"] } else { ["fields", "particles"] };
         let what = format!(": is for results that are {of}; this one is {is}");
         return Err(Error::option(advice!(option, what)));
@@ -181,7 +181,7 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
     score.definitions.rank_by.clone_from(&truth.facts.rules.rank_by);
     if let Some(scenario) = truth.scenario.as_ref().filter(|_| options.crlb) {
         let sizes = truth.particles.as_ref().map_or(&[][..], |particles| &particles.sizes);
-        match crlb::of_scenario(
+        match crlb::from_scenario(
             scenario,
             sizes,
             score.detection.as_ref(),

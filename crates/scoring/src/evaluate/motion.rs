@@ -109,7 +109,7 @@ pub fn found_u(
     let mut u = vec![f64::NAN; r.len()];
     for track in 0..r.n_tracks() {
         let points = r.track(track);
-        for (k, &i) in points.iter().enumerate().filter(|(_, i)| matching.of_result[**i as usize] != NONE) {
+        for (k, &i) in points.iter().enumerate().filter(|(_, i)| matching.truth_for[**i as usize] != NONE) {
             u[i as usize] = compared.velocity(points, k).map_or(f64::NAN, |(v, _)| v[0]);
         }
     }
@@ -163,7 +163,7 @@ impl TrackComparison<'_> {
         for track in 0..r.n_tracks() {
             let points = r.track(track);
             for (k, &i) in points.iter().enumerate() {
-                let of = self.matching.of_result[i as usize];
+                let of = self.matching.truth_for[i as usize];
                 if of == NONE {
                     continue;
                 }
@@ -205,7 +205,7 @@ impl TrackComparison<'_> {
         let mut errors = vec![None; t.len()];
         for points in (0..r.n_tracks()).map(|track| r.track(track)) {
             for (k, &i) in points.iter().enumerate() {
-                let of = self.matching.of_result[i as usize];
+                let of = self.matching.truth_for[i as usize];
                 if of == NONE {
                     continue;
                 }
@@ -242,7 +242,7 @@ impl TrackComparison<'_> {
         let (t, r) = self.clouds;
         // Whether two result points follow one particle in consecutive frames.
         let joined = |a: u32, b: u32| {
-            let of = |i: u32| self.matching.of_result[i as usize];
+            let of = |i: u32| self.matching.truth_for[i as usize];
             let is_next = of(a) != NONE && of(b) != NONE && next[of(a) as usize] == of(b);
             is_next && r.points[b as usize].frame - r.points[a as usize].frame == 1
         };
@@ -251,7 +251,7 @@ impl TrackComparison<'_> {
         for track in 0..r.n_tracks() {
             for three in r.track(track).windows(3).filter(|w| joined(w[0], w[1]) && joined(w[1], w[2])) {
                 let found = [0, 1, 2].map(|k| three[k] as usize);
-                let exact = found.map(|i| self.matching.of_result[i] as usize);
+                let exact = found.map(|i| self.matching.truth_for[i] as usize);
                 let frame = found.map(|i| r.points[i].frame);
                 let pair = |[s, t]: [f64; 2], of: (&TrackSet, [usize; 3])| {
                     let (a, b) = (moved(of.0, of.1[0], of.1[1]), moved(of.0, of.1[1], of.1[2]));
@@ -260,9 +260,9 @@ impl TrackComparison<'_> {
                 let facts = &self.truth.facts;
                 let mut both = |steps: [f64; 2], total: &mut Total, kind: MotionQuantity, um: Option<f64>| {
                     let scaled = |px: [f64; 3]| um.map_or(px, |um| facts.unstretched(px).map(|v| v * um));
-                    let of_truth = scaled(pair(steps, (t, exact)));
-                    let error = minus(scaled(pair(steps, (r, found))), of_truth);
-                    total.add(error, of_truth);
+                    let expected = scaled(pair(steps, (t, exact)));
+                    let error = minus(scaled(pair(steps, (r, found))), expected);
+                    total.add(error, expected);
                     add(sums, exact[1], kind, &error);
                 };
                 both([1.0; 2], &mut bend, MotionQuantity::Bend, None);

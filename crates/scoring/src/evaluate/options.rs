@@ -91,7 +91,7 @@ impl EvaluateOptions {
     }
 
     /// The first given option that applies only to the other kind of result (`field` or particles).
-    pub(super) fn of_others(&self, field: bool) -> Option<Named> {
+    pub(super) fn foreign_option(&self, field: bool) -> Option<Named> {
         let of_particles = [
             (option("gate"), self.shape.is_some()),
             (option("gate_xy_px"), self.gate_xy_px.is_some()),

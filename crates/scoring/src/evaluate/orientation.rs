@@ -82,7 +82,7 @@ impl Orientation {
         let all: Vec<[f64; 3]> =
             (0..truth.len()).map(axis).filter(|axis| axis.iter().all(|v| v.is_finite())).collect();
         let guess = best_constant(&all);
-        let counted = |i: usize| match matching.of_truth[i] {
+        let counted = |i: usize| match matching.result_for[i] {
             NONE => Some(UNFOUND_DEG),
             _ => angles[i].filter(|_| !ambiguous[i]).or_else(|| angle_deg(axis(i), guess)),
         };

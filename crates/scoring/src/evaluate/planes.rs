@@ -223,7 +223,7 @@ impl Plane {
         sorted.sort_by(|a, b| a.height_um.total_cmp(&b.height_um));
         sorted
             .chunk_by(|a, b| a.height_um == b.height_um)
-            .filter_map(|of| Self::of_height(of, gate_z_um))
+            .filter_map(|of| Self::fit_height(of, gate_z_um))
             .collect()
     }
 
@@ -233,7 +233,7 @@ impl Plane {
         self.shift_um + self.slope[0] * x + self.slope[1] * y
     }
 
-    fn of_height(points: &[PlanePoint], gate_z_um: f64) -> Option<Self> {
+    fn fit_height(points: &[PlanePoint], gate_z_um: f64) -> Option<Self> {
         let mut kept: Vec<&PlanePoint> =
             points.iter().filter(|point| point.error_um.abs() < gate_z_um).collect();
         let mut plane = None;

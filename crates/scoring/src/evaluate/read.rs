@@ -54,7 +54,7 @@ impl Truth {
         }
         if is_field {
             let limits = measurement::limits(path, &facts)?;
-            let fields = true_field::of_recording(path, facts.clone(), options.plane_um)?;
+            let fields = true_field::from_recording(path, facts.clone(), options.plane_um)?;
             truth.fields = Some(fields.with_flow(true_field::flow_of_dataset(path, &options.context)));
             return Ok((Truth { facts, ..truth }, limits));
         }
@@ -66,7 +66,7 @@ impl Truth {
                 return Ok((Truth { facts, ..truth }, Limits::default()));
             }
         }
-        let (particles, size) = TrueParticles::of_dataset(path, facts.clone())?;
+        let (particles, size) = TrueParticles::from_dataset(path, facts.clone())?;
         if particles.facts.sha256 != facts.sha256 {
             let what = format!("{} has changed since the dataset was made", TrackRow::PATH);
             truth.warnings.push(what);
@@ -96,7 +96,7 @@ impl Truth {
     }
 
     /// The particles (or `fields`) of a dataset in memory.
-    pub fn of_memory(
+    pub fn from_memory(
         made: &MemoryDataset,
         is_field: bool,
         options: &EvaluateOptions,
@@ -105,9 +105,9 @@ impl Truth {
         let facts = measurement::with_given(facts, &options.conventions);
         let mut truth = Truth { scenario: Some(Arc::clone(made.scenario())), ..Truth::default() };
         if is_field {
-            truth.fields = Some(true_field::of_memory(made, facts.clone(), options.plane_um)?);
+            truth.fields = Some(true_field::from_memory(made, facts.clone(), options.plane_um)?);
         } else {
-            truth.particles = Some(TrueParticles::of_rows(facts.clone(), made.tracks(), &made.frames())?);
+            truth.particles = Some(TrueParticles::from_rows(facts.clone(), made.tracks(), &made.frames())?);
             truth.boxes = made.boxes();
         }
         Ok((Truth { facts, ..truth }, Limits::default()))

@@ -99,7 +99,7 @@ impl Size {
         let mut confusion = vec![vec![0; n_classes + 2]; n_classes];
         let mut compared = vec![Compared { error_um: None, is_right: false }; t.len()];
         for (i, compared) in compared.iter_mut().enumerate() {
-            let matched = r.points.get(matching.of_truth[i] as usize);
+            let matched = r.points.get(matching.result_for[i] as usize);
             let d_um = matched.map(|point| found_um[point.source as usize]);
             let known = d_um.filter(|d_um| d_um.is_finite());
             let (own, found) = (nearest(true_um[i]), known.and_then(nearest));

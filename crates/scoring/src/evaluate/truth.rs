@@ -72,21 +72,21 @@ impl TrueParticles {
     /// Reads the truth of a dataset, or a bare table of particles.
     pub fn read(path: &Path, given: &Conventions) -> Result<Self> {
         let facts = facts_of(path, given)?;
-        if path.is_dir() { Ok(Self::of_dataset(path, facts)?.0) } else { bare(path, facts) }
+        if path.is_dir() { Ok(Self::from_dataset(path, facts)?.0) } else { bare(path, facts) }
     }
 
     /// The truth of a dataset in a folder or in memory.
-    pub fn of_place(dataset: &DatasetPlace) -> Result<Self> {
+    pub fn from_place(dataset: &DatasetPlace) -> Result<Self> {
         let facts = dataset.facts()?;
         match dataset {
-            DatasetPlace::Folder(folder) => Ok(Self::of_dataset(folder, facts)?.0),
-            DatasetPlace::Memory(made) => Self::of_rows(facts, made.tracks(), &made.frames()),
+            DatasetPlace::Folder(folder) => Ok(Self::from_dataset(folder, facts)?.0),
+            DatasetPlace::Memory(made) => Self::from_rows(facts, made.tracks(), &made.frames()),
         }
     }
 
     /// Reads the truth of a dataset in one pass; if it has changed since the dataset was made, the hash in
     /// the facts is replaced. Also returns the size of its table.
-    pub(super) fn of_dataset(dataset: &Path, facts: RecordingFacts) -> Result<(Self, TableSize)> {
+    pub(super) fn from_dataset(dataset: &Path, facts: RecordingFacts) -> Result<(Self, TableSize)> {
         facts.needs_truth(dataset)?;
         let path = dataset.join(storage::dataset::TrackRow::PATH);
         let name = path.display().to_string();
@@ -113,7 +113,7 @@ impl TrueParticles {
     }
 
     /// The truth in rows of a dataset.
-    pub fn of_rows<'r>(
+    pub fn from_rows<'r>(
         facts: RecordingFacts,
         tracks: impl Iterator<Item = &'r storage::dataset::TrackRow>,
         frames: &[FrameRow],
@@ -189,7 +189,7 @@ impl TrueParticles {
             };
             let (truths, results) = (part(&self.rows), part(&result.rows));
             let matching = optimal(&truths, &results, gate, Cost::Squares)?;
-            for (r, &t) in matching.of_result.iter().enumerate() {
+            for (r, &t) in matching.truth_for.iter().enumerate() {
                 let source = results.points[r].source as usize;
                 dropped[source] = match t {
                     NONE => outside[source],

@@ -37,8 +37,8 @@ const PLACE_PX: f64 = 8.0;
 pub struct Units {
     seed: u64,
     n: usize,
-    of_truth: Vec<u32>,
-    of_result: Vec<u32>,
+    truth_units: Vec<u32>,
+    result_units: Vec<u32>,
 }
 
 /// A true point or a ghost.
@@ -60,18 +60,18 @@ impl Units {
         seed: u64,
     ) -> Self {
         let n = truth.n_tracks().clamp(1, BLOCKS);
-        let of_truth: Vec<u32> = truth.points.iter().map(|point| point.track % BLOCKS as u32).collect();
+        let truth_units: Vec<u32> = truth.points.iter().map(|point| point.track % BLOCKS as u32).collect();
         let mut near = vec![None; result.len()];
-        for (unit, of) in near.iter_mut().zip(&matching.of_result) {
-            *unit = of_truth.get(*of as usize).copied();
+        for (unit, of) in near.iter_mut().zip(&matching.truth_for) {
+            *unit = truth_units.get(*of as usize).copied();
         }
         for pair in &candidates.pairs {
-            near[pair.result as usize].get_or_insert(of_truth[pair.truth as usize]);
+            near[pair.result as usize].get_or_insert(truth_units[pair.truth as usize]);
         }
-        let n_ghosts = matching.of_result.iter().filter(|of| **of == NONE).count();
+        let n_ghosts = matching.truth_for.iter().filter(|of| **of == NONE).count();
         let longest = (0..truth.n_tracks()).map(|track| truth.track(track).len()).max().unwrap_or(0);
         let mut places = Places::new(n, n_ghosts, longest);
-        let mut of_result = vec![0; result.len()];
+        let mut result_units = vec![0; result.len()];
         for track in 0..result.n_tracks() {
             let points = result.track(track);
             let mut units: Vec<u32> = points.iter().filter_map(|&j| near[j as usize]).collect();
@@ -81,38 +81,38 @@ impl Units {
             let own = followed.unwrap_or_else(|| place(&result.points[points[0] as usize].at, n));
             for j in points.iter().map(|&j| j as usize) {
                 let unit = near[j].unwrap_or(own);
-                of_result[j] = if matching.of_result[j] == NONE { places.take(unit) } else { unit };
+                result_units[j] = if matching.truth_for[j] == NONE { places.take(unit) } else { unit };
             }
         }
-        Units { seed, n, of_truth, of_result }
+        Units { seed, n, truth_units, result_units }
     }
 
     /// All points in a single unit, which gives no intervals.
     pub fn single(truth: &TrackSet, result: &TrackSet) -> Self {
-        Units { seed: 0, n: 1, of_truth: vec![0; truth.len()], of_result: vec![0; result.len()] }
+        Units { seed: 0, n: 1, truth_units: vec![0; truth.len()], result_units: vec![0; result.len()] }
     }
 
     /// The unit of a true track.
-    pub(super) fn of_track(&self, track: usize) -> u32 {
+    pub(super) fn track_unit(&self, track: usize) -> u32 {
         (track % self.n) as u32
     }
 
     /// The unit of a true point.
-    pub(super) fn of_truth(&self, point: usize) -> u32 {
-        self.of_truth[point]
+    pub(super) fn truth_unit(&self, point: usize) -> u32 {
+        self.truth_units[point]
     }
 
-    pub(super) fn of_result(&self, point: usize) -> u32 {
-        self.of_result[point]
+    pub(super) fn result_unit(&self, point: usize) -> u32 {
+        self.result_units[point]
     }
 
     /// All true points and all ghosts, each with its unit.
     pub(super) fn matched<'a>(&'a self, matching: &'a Matching) -> impl Iterator<Item = (u32, Matched)> + 'a {
-        let truth = matching.of_truth.iter().enumerate().map(|(i, &j)| {
-            (self.of_truth[i], if j == NONE { Matched::Missed(i) } else { Matched::Pair(i, j as usize) })
+        let truth = matching.result_for.iter().enumerate().map(|(i, &j)| {
+            (self.truth_units[i], if j == NONE { Matched::Missed(i) } else { Matched::Pair(i, j as usize) })
         });
-        let ghosts = matching.of_result.iter().enumerate().filter(|(_, of)| **of == NONE);
-        truth.chain(ghosts.map(|(j, _)| (self.of_result[j], Matched::Ghost)))
+        let ghosts = matching.truth_for.iter().enumerate().filter(|(_, of)| **of == NONE);
+        truth.chain(ghosts.map(|(j, _)| (self.result_units[j], Matched::Ghost)))
     }
 
     /// Sums over every unit of items, each with its unit.
@@ -235,8 +235,8 @@ impl Divided<'_> {
         let (t, r) = self.clouds;
         let ambiguous = self.ambiguous();
         let squared = |i: usize, axes: &[usize]| {
-            let found = (i, self.matching.of_truth[i] as usize);
-            if self.matching.of_truth[i] == NONE || ambiguous[i] {
+            let found = (i, self.matching.result_for[i] as usize);
+            if self.matching.result_for[i] == NONE || ambiguous[i] {
                 return MISSED;
             }
             let error = error(t, r, found);
@@ -246,10 +246,10 @@ impl Divided<'_> {
         let z = (0..t.len()).filter(|_| self.depth).map(|i| squared(i, &[2])).collect();
         let mut beside = self.with_ghost(2.0);
         self.mark_with_ghost_in_plane(&mut beside);
-        let is_beside = (0..t.len()).filter(|&i| beside[i] && self.matching.of_truth[i] != NONE);
+        let is_beside = (0..t.len()).filter(|&i| beside[i] && self.matching.result_for[i] != NONE);
         let beside =
-            units.sums(is_beside.map(|i| (units.of_truth(i), [1.0]))).into_iter().map(|[n]| n).collect();
-        UnitScores { unit: units.of_truth.clone(), beside, xy, z, ..Default::default() }
+            units.sums(is_beside.map(|i| (units.truth_unit(i), [1.0]))).into_iter().map(|[n]| n).collect();
+        UnitScores { unit: units.truth_units.clone(), beside, xy, z, ..Default::default() }
     }
 
     /// Whether the gate of a true particle contains a ghost.
@@ -261,7 +261,7 @@ impl Divided<'_> {
     fn with_ghost(&self, gates: f64) -> Vec<bool> {
         let mut near = vec![false; self.clouds.0.len()];
         for pair in &self.candidates.pairs {
-            let is_ghost = self.matching.of_result[pair.result as usize] == NONE;
+            let is_ghost = self.matching.truth_for[pair.result as usize] == NONE;
             near[pair.truth as usize] |= is_ghost && pair.squared < gates * gates;
         }
         near
@@ -272,7 +272,7 @@ impl Divided<'_> {
     fn mark_with_ghost_in_plane(&self, marked: &mut [bool]) {
         let ((t, r), reach_px) = (self.clouds, self.candidates.gate.xy_px);
         for (_, truths, results, _) in &self.candidates.frames {
-            let is_ghost = |j: &usize| self.matching.of_result[*j] == NONE;
+            let is_ghost = |j: &usize| self.matching.truth_for[*j] == NONE;
             let ghosts: Vec<Point> = results.clone().filter(is_ghost).map(|j| r.points[j]).collect();
             let grid = CellGrid::new(&ghosts, reach_px);
             for i in truths.clone() {

@@ -113,7 +113,7 @@ impl LengthUnit {
     }
 
     /// The unit of this symbol or English name, in any of the spellings of ImageJ and its plugins.
-    pub(crate) fn of_name(name: &str) -> Option<Self> {
+    pub(crate) fn from_name(name: &str) -> Option<Self> {
         // The micro sign may be XML, bytes of UTF-8 read as Latin-1, or a byte that is no UTF-8.
         let micro = ["&#181;", "\u{c2}\u{b5}", "\u{e2}\u{b5}", "\u{fffd}"];
         let name = &micro.iter().fold(name.to_owned(), |name, sign| name.replace(sign, "u"));
@@ -261,7 +261,7 @@ impl Limits {
 
     /// Limits for a truth of this size: 100 times as large, with a minimum for small truths and dense fields;
     /// `pixels` is the number of pixels of an image.
-    pub fn of_truth(bytes: u64, rows: u64, pixels: u64) -> Self {
+    pub fn for_truth(bytes: u64, rows: u64, pixels: u64) -> Self {
         let most = Limits::default();
         let rows = (Self::TIMES * rows).max(2 * pixels).max(100_000).min(most.rows as u64);
         let bytes = bytes.saturating_mul(Self::TIMES).max(64 * pixels).max(16 << 20).min(most.bytes);

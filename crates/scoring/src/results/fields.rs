@@ -25,7 +25,7 @@ impl Unit {
     pub(super) fn parse(text: &str) -> Option<Self> {
         let text = text.trim().to_lowercase();
         let (length, time) = text.split_once('/').unwrap_or((&text, "frame"));
-        let um = LengthUnit::of_name(length)?.um();
+        let um = LengthUnit::from_name(length)?.um();
         let s = match time {
             "frame" | "frames" | "dt" => None,
             "s" | "sec" => Some(1.0),

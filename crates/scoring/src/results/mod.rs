@@ -161,7 +161,7 @@ impl Source {
             (None, Source::Files(_, files)) => detect(&files[0]),
             (None, Source::Columns(columns)) => {
                 let names: Vec<&str> = columns.0.iter().map(|(name, _)| name.as_str()).collect();
-                of_header(COLUMNS, &names.join(","), &names)
+                detect_header(COLUMNS, &names.join(","), &names)
             }
         }
     }
@@ -173,14 +173,14 @@ impl Source {
         let given = &Conventions { format: Some(format), ..*given };
         let mut is_one = true;
         let (name, mut found) = match self {
-            Source::File(path) => (path.display().to_string(), of_file(&path, format, given)?),
+            Source::File(path) => (path.display().to_string(), read_file(&path, format, given)?),
             Source::Files(path, files) => {
                 is_one = false;
-                (path.display().to_string(), TrackerResult::Field(of_pairs(&files, format, given)?))
+                (path.display().to_string(), TrackerResult::Field(read_pairs(&files, format, given)?))
             }
             Source::Columns(columns) => {
-                let table = TextTable::of_columns(COLUMNS, columns);
-                let found = of_table(table, format, given)?.ok_or_else(|| {
+                let table = TextTable::from_columns(COLUMNS, columns);
+                let found = read_table(table, format, given)?.ok_or_else(|| {
                     Error::input(format!("{COLUMNS}: results of this format are files; give the path of one"))
                 })?;
                 (COLUMNS.to_owned(), found)
@@ -216,7 +216,7 @@ pub fn read(path: impl Into<InputFile>, given: &Conventions) -> Result<TrackerRe
     source.read(format, given)
 }
 
-fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<TrackerResult> {
+fn read_file(path: &InputFile, format: Format, given: &Conventions) -> Result<TrackerResult> {
     given.limits.check(path, path.open()?.metadata().map_err(|e| Error::read(path, e))?.len())?;
     Ok(match format {
         Format::TrackmateXml | Format::Isbi => TrackerResult::Points(xml::read(path, format, given)?),
@@ -229,7 +229,7 @@ fn of_file(path: &InputFile, format: Format, given: &Conventions) -> Result<Trac
         Format::Flo => TrackerResult::Field(flo::read(path, given)?),
         _ => {
             let table = TextTable::open(path, 1)?.at_most(given.limits.rows);
-            let found = of_table(table, format, given)?;
+            let found = read_table(table, format, given)?;
             found.ok_or_else(|| Error::input(format!("{}: not a table", path.display())))?
         }
     })
@@ -288,11 +288,11 @@ fn one_pair(field: &mut Field, format: Format, given: &Conventions) -> Result<()
 
 /// Reads a field from one file for each image pair: the pairs that the files state, if these differ, otherwise
 /// in their order.
-fn of_pairs(files: &[InputFile], format: Format, given: &Conventions) -> Result<Field> {
+fn read_pairs(files: &[InputFile], format: Format, given: &Conventions) -> Result<Field> {
     let name = |file: &InputFile| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut fields = Vec::new();
     for file in files {
-        let TrackerResult::Field(field) = of_file(file, format, given)? else {
+        let TrackerResult::Field(field) = read_file(file, format, given)? else {
             let what = "particles in several files; expected one table with frames";
             return Err(Error::input(format!("{}: {what}", file.display())));
         };
@@ -341,7 +341,7 @@ fn of_pairs(files: &[InputFile], format: Format, given: &Conventions) -> Result<
 }
 
 /// Reads a table with a header of column names; `None` if that is not the format.
-fn of_table(table: TextTable, format: Format, given: &Conventions) -> Result<Option<TrackerResult>> {
+fn read_table(table: TextTable, format: Format, given: &Conventions) -> Result<Option<TrackerResult>> {
     let points = match format {
         Format::Canonical => canonical::points_of(table, given)?,
         Format::Trackpy | Format::TrackmateSpots | Format::Napari => programs::read(table, format, given)?,
@@ -434,11 +434,11 @@ pub fn detect(path: impl Into<InputFile>) -> Result<Format> {
         _ => {}
     }
     let columns = sheet::names(first.as_bytes(), sheet::delimiter(first.as_bytes()));
-    of_header(&name.to_string(), first, &columns.iter().map(String::as_str).collect::<Vec<_>>())
+    detect_header(&name.to_string(), first, &columns.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// Detects the format of a table from the names of its columns; `first` is its first line.
-fn of_header(name: &str, first: &str, columns: &[&str]) -> Result<Format> {
+fn detect_header(name: &str, first: &str, columns: &[&str]) -> Result<Format> {
     let has = |names: &[&str]| names.iter().all(|n| columns.contains(n));
     match () {
         () if has(&["POSITION_X", "POSITION_Y", "FRAME"]) => Ok(Format::TrackmateSpots),

@@ -74,7 +74,7 @@ fn stated_unit(names: &[String], given: &Conventions) -> Result<LengthUnit> {
 /// A unit of length that TrackMate states.
 /// Errors: one that is not known, unless the unit is given.
 pub(super) fn trackmate_unit(stated: &str, given: &Conventions) -> Result<LengthUnit> {
-    given.unit.or_else(|| LengthUnit::of_name(stated)).ok_or_else(|| {
+    given.unit.or_else(|| LengthUnit::from_name(stated)).ok_or_else(|| {
         let known: Vec<&str> = LengthUnit::all().map(LengthUnit::symbol).collect();
         let what = format!(
             "TrackMate: lengths in {:?}: expected one of {}; give the unit by ",

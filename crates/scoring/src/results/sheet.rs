@@ -154,7 +154,7 @@ impl TextTable {
     }
 
     /// The table of these columns, with a name for messages.
-    pub(super) fn of_columns(name: &str, columns: Columns) -> Self {
+    pub(super) fn from_columns(name: &str, columns: Columns) -> Self {
         let header = columns.0.iter().map(|(name, _)| name.clone()).collect();
         TextTable::new(name.to_owned(), header, Source::Columns(columns))
     }

@@ -107,7 +107,7 @@ impl NodeErrors {
             };
             for &y_px in rows {
                 for &x_px in columns {
-                    let Some([u, v, _]) = truth.of_pair(pair, x_px, y_px) else { continue };
+                    let Some([u, v, _]) = truth.for_pair(pair, x_px, y_px) else { continue };
                     let displacement = found.at(x_px, y_px);
                     covered.extend(displacement.map(|_| [block(x_px), block(y_px)]));
                     let of_node = sums([u, v], displacement, gate_px);
@@ -152,7 +152,7 @@ pub fn squares(truth: &TrueField, facts: &RecordingFacts) -> usize {
         (inner(columns, facts.sensor_px.map(|s| s.0)), inner(rows, facts.sensor_px.map(|s| s.1)));
     let pair = truth.pairs().next().flatten();
     let nodes = rows.iter().flat_map(|y| columns.iter().map(move |x| (*x, *y)));
-    let known = nodes.filter(|(x, y)| truth.of_pair(pair, *x, *y).is_some());
+    let known = nodes.filter(|(x, y)| truth.for_pair(pair, *x, *y).is_some());
     known.map(|(x, y)| [block(x), block(y)]).collect::<BTreeSet<_>>().len()
 }
 
@@ -161,7 +161,7 @@ fn spread_px(truth: &TrueField, pairs: &[Option<u32>], columns: &[f64], rows: &[
     let pairs = if truth.needs_pairs() { pairs } else { &pairs[..pairs.len().min(1)] };
     let nodes = || {
         pairs.iter().flat_map(move |pair| {
-            rows.iter().flat_map(move |y| columns.iter().filter_map(move |x| truth.of_pair(*pair, *x, *y)))
+            rows.iter().flat_map(move |y| columns.iter().filter_map(move |x| truth.for_pair(*pair, *x, *y)))
         })
     };
     let (n, u, v) = nodes().fold((0.0, 0.0, 0.0), |(n, u, v), d| (n + 1.0, u + d[0], v + d[1]));

@@ -55,11 +55,11 @@ fn degree(histogram: &[usize]) -> f64 {
 impl PeakLocking {
     /// Peak locking of valid vectors.
     pub fn of(all: &[ComparedVector]) -> Self {
-        let (mut histogram_u, mut of_truth) = (vec![0; BINS], vec![0; BINS]);
+        let (mut histogram_u, mut histogram_true) = (vec![0; BINS], vec![0; BINS]);
         let mut errors = vec![Vec::new(); 20];
         for c in all {
             histogram_u[bin(c.measured.moved[0], BINS)] += 1;
-            of_truth[bin(c.truth[0], BINS)] += 1;
+            histogram_true[bin(c.truth[0], BINS)] += 1;
             // A single outlier would dominate a bin.
             if c.endpoint() < INLIER_PX {
                 errors[bin(c.truth[0], 20)].push(c.error()[0]);
@@ -75,7 +75,7 @@ impl PeakLocking {
             degree: enough(found),
             degree_unlocked: enough(chance),
             degree_corrected: enough(((found - chance) / (1.0 - chance)).max(0.0)),
-            degree_true: enough(degree(&of_truth)),
+            degree_true: enough(degree(&histogram_true)),
             amplitude_px: range.map(|(high, low)| (high - low) / 2.0),
             histogram_u,
             bias_curve_px,

@@ -68,7 +68,7 @@ pub(super) fn spectra(grid: &VectorGrid, all: &[ComparedVector]) -> Vec<Spectrum
             })
             .collect();
         for (k, component) in ["u", "v"].into_iter().enumerate() {
-            spectra.extend(of_lines(&lines, k, step).map(|s| Spectrum {
+            spectra.extend(from_lines(&lines, k, step).map(|s| Spectrum {
                 component: component.to_owned(),
                 along: along.to_owned(),
                 ..s
@@ -84,7 +84,7 @@ fn equal_steps(axis: &[f64]) -> Option<f64> {
     axis.windows(2).all(|w| ((w[1] - w[0]) / step - 1.0).abs() < 1e-3).then_some(step)
 }
 
-fn of_lines(lines: &[Vec<&ComparedVector>], k: usize, step: f64) -> Option<Spectrum> {
+fn from_lines(lines: &[Vec<&ComparedVector>], k: usize, step: f64) -> Option<Spectrum> {
     let n = lines.first()?.len();
     let window: Vec<f64> = (0..n)
         .map(|i| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * (i as f64 + 0.5) / n as f64).cos())

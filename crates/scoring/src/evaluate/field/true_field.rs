@@ -85,7 +85,7 @@ impl TrueField {
     }
 
     /// The true displacement of an image pair at a position, as [`TrueField::at`].
-    pub fn of_pair(&self, pair: Option<u32>, x_px: f64, y_px: f64) -> Option<[f64; 3]> {
+    pub fn for_pair(&self, pair: Option<u32>, x_px: f64, y_px: f64) -> Option<[f64; 3]> {
         let at = Position { x_px, y_px, ..Position::default() };
         self.at(&FlowVector { pair, at, ..FlowVector::default() })
     }
@@ -346,26 +346,26 @@ impl Source<'_> {
 }
 
 /// The true fields in a dataset's folder, as [`of_rows`].
-pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
-    of_recording(dataset, RecordingFacts::read(dataset)?, plane_um)
+pub fn from_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
+    from_recording(dataset, RecordingFacts::read(dataset)?, plane_um)
 }
 
 /// [`of_dataset`] of a folder, or of a dataset in memory.
-pub fn of_place(dataset: &DatasetPlace) -> Result<TrueFields> {
+pub fn from_place(dataset: &DatasetPlace) -> Result<TrueFields> {
     match dataset {
         DatasetPlace::Folder(folder) => {
-            Ok(of_dataset(folder, None)?.with_flow(flow_of_dataset(folder, &Context::default())))
+            Ok(from_dataset(folder, None)?.with_flow(flow_of_dataset(folder, &Context::default())))
         }
-        DatasetPlace::Memory(made) => of_memory(made, dataset.facts()?, None),
+        DatasetPlace::Memory(made) => from_memory(made, dataset.facts()?, None),
     }
 }
 
 /// The true fields of a dataset in memory, as [`of_rows`], with its flow.
-pub fn of_memory(made: &MemoryDataset, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
+pub fn from_memory(made: &MemoryDataset, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
     let what = "this dataset has no true displacement field; score particles";
     let rows = made.field()?.ok_or_else(|| Error::input(what))?;
     let flow = made.flow().map(|flow| flow.map(|flow| Arc::new(flow) as Arc<dyn TrueFlow>));
-    Ok(of_rows(Source::Memory(&rows), facts, plane_um)?.with_flow(flow))
+    Ok(from_rows(Source::Memory(&rows), facts, plane_um)?.with_flow(flow))
 }
 
 /// The flow of the scenario in a dataset's folder; `None` without one, as in a recording.
@@ -381,7 +381,7 @@ pub(in super::super) fn flow_of_dataset(
 }
 
 /// [`of_dataset`] with the facts that its manifest gives.
-pub(in super::super) fn of_recording(
+pub(in super::super) fn from_recording(
     dataset: &Path,
     facts: RecordingFacts,
     plane_um: Option<f64>,
@@ -394,7 +394,7 @@ pub(in super::super) fn of_recording(
             path.display()
         )));
     }
-    of_rows(Source::File(path), facts, plane_um)
+    from_rows(Source::File(path), facts, plane_um)
 }
 
 /// The true fields of a dataset on one of its planes: the plane nearest to `plane_um` if given. Otherwise,
@@ -403,7 +403,7 @@ pub(in super::super) fn of_recording(
 ///
 /// If all depths are equally sharp, correlation measures their average, so the depth-weighted truth is the
 /// main one.
-pub fn of_rows(rows: Source<'_>, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
+pub fn from_rows(rows: Source<'_>, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
     let middle = facts.depth_um.map(|(low, high)| f64::midpoint(low, high)).filter(|_| facts.is_all_in_focus);
     let chosen = choose(rows, plane_um, facts.focus_um.or(middle).unwrap_or(0.0))?;
     let by_depth = facts.is_all_in_focus && plane_um.is_none();
@@ -574,7 +574,7 @@ mod tests {
     fn correct_vectors_between_the_nodes_have_no_error() {
         for (wavelength_px, decay_s) in [(308.0, STEADY), (154.0, STEADY), (77.0, STEADY), (77.0, 0.02)] {
             let made = vortices(wavelength_px, decay_s, 0.0);
-            let (truth, _) = Truth::of_memory(&made, true, &EvaluateOptions::default()).unwrap();
+            let (truth, _) = Truth::from_memory(&made, true, &EvaluateOptions::default()).unwrap();
             let scored = evaluate(&truth.fields.unwrap(), &correct(wavelength_px, decay_s, 0.0), 1);
             // Errors of both integrations are below 1e-6 px.
             assert!(rms(&scored).iter().all(|rms| *rms < 1e-5), "{wavelength_px}: {:?}", rms(&scored));
@@ -594,7 +594,7 @@ mod tests {
             let made = vortices(wavelength_px, STEADY, 0.0);
             let (rows, facts) =
                 (made.field().unwrap().unwrap(), RecordingFacts::of(made.manifest().unwrap()));
-            let truth = of_rows(Source::Memory(&rows), facts, None).unwrap();
+            let truth = from_rows(Source::Memory(&rows), facts, None).unwrap();
             let scored = evaluate(&truth, &correct(wavelength_px, STEADY, 0.0), 1);
             let [u, v] = rms(&scored);
             let (error, estimated) = (u.hypot(v), scored.score.interpolation_error_px.unwrap());
