@@ -63,7 +63,7 @@ impl Golden {
 
     /// Names of datasets whose images differ from those of `now`, and of those with differences in other
     /// files only.
-    pub fn changed(&self, now: &Golden) -> (Vec<String>, Vec<String>) {
+    fn changed(&self, now: &Golden) -> (Vec<String>, Vec<String>) {
         let differ = |part: fn(&Hashes) -> &String| {
             let (old, new) = (&self.datasets, &now.datasets);
             let names = old.iter().filter(|(name, h)| new.get(*name).is_some_and(|n| part(n) != part(h)));

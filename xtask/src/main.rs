@@ -2,7 +2,6 @@
 #![expect(clippy::print_stdout, reason = "a task reports what it did")]
 
 mod figures;
-mod golden;
 mod pairs;
 
 use std::path::PathBuf;
@@ -22,8 +21,6 @@ enum Task {
     /// Renders in-focus image pairs in memory; timed by `results/records.py peers`.
     #[command(hide = true)]
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
-    /// Updates the golden hashes of datasets; see "Bytes" in CHANGELOG.md.
-    Golden,
     /// Draws the figures of the documentation: of the paper, all velocity fields, the effects of
     /// scenario keys.
     Figures {
@@ -41,7 +38,6 @@ enum Task {
 fn main() -> anyhow::Result<()> {
     match Cli::parse().task {
         Task::Pairs { pairs, ppp, diameter_px } => pairs::draw(pairs, ppp, diameter_px),
-        Task::Golden => golden::run(),
         Task::Figures { kind, out, redraw } => figures::run(kind, out.as_deref(), redraw),
     }
 }
