@@ -92,134 +92,112 @@ pub struct LicenseEntry {
     pub path: String,
 }
 
-/// Facts that users of the images need. Test splits omit those that are derived from the truth.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Facts {
-    /// Name of the program, `microsig`.
-    #[serde(skip_serializing_if = "String::is_empty")]
-    pub generator: String,
-    /// Its version.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub generator_version: Option<String>,
-    /// [`LAYOUT_VERSION`].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub layout_version: Option<u32>,
-    /// The seed; `Some(None)` (null) with a secret key.
-    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "present")]
-    pub seed: Option<Option<u64>>,
-    /// Description of how random numbers are addressed.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub random_streams: Option<String>,
-    /// Times of the frames.
-    pub timing: TimingFacts,
-    /// Pixel size in object space, um.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub um_per_px: Option<f64>,
-    /// With a cylindrical lens before the camera: the rows of the matrix by which it stretches images about
-    /// the center of the sensor. A displacement in px is this matrix times that in um, over `um_per_px`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub image_stretch: Option<[[f64; 2]; 2]>,
-    /// Physical depth over depth in MicroSIG's data files.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub depth_factor: Option<f64>,
-    /// The camera.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sensor: Option<SensorFacts>,
-    /// Name of the renderer.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub renderer: Option<String>,
-    /// Light and objective for wave optics.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub waves: Option<WaveFacts>,
-    /// Blur, and how the optics vary over the field of view; left out without both.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub optics: Option<OpticsFacts>,
-    /// Lower and upper end of the depth range, um.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub depth_range_um: Option<[f64; 2]>,
-    /// Length of the depth range, um.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub depth_range_h_um: Option<f64>,
-    /// Text of [`coordinates`].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub coordinates: Option<String>,
-    /// Visible particles per frame, mean over frames.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub n_p: Option<f64>,
-    /// Visible particles per frame and pixel.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub n_ppp: Option<f64>,
-    /// Source density N_S.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub n_s: Option<f64>,
-    /// The share of the sensor in which particles are, if walls or bodies exclude them from the rest.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub image_share: Option<f64>,
-    /// Area of a particle image, px (number of pixels).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub a_pi_px: Option<f64>,
-    /// How concentrations are defined.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub concentration_definition: Option<String>,
-    /// Signal-to-noise ratio.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub snr: Option<SnrFacts>,
-    /// The image of a single particle.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub particle_image: Option<ParticleImageFacts>,
-    /// The images of each of several sizes of particles.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub sizes: Vec<SizeFacts>,
-    /// Diameters of the particles of the calibration stacks, um, if there are several.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub calibration_d_um: Vec<f64>,
-    /// The flow and its formulas.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub motion: Option<MotionFacts>,
-    /// The grid of `truth/field.csv`; `Some(None)` (null) without one.
-    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "present")]
-    pub truth_grid: Option<Option<TruthGridFacts>>,
-    /// Largest displacement of a visible particle in the image plane, px.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_displacement_px: Option<f64>,
-    /// Gates for scoring.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub scoring_gates: Option<ScoringGates>,
-    /// How results are scored and ranked, where a suite or the scenario states it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub scoring: Option<ScoringRules>,
-    /// `test` in the public part of a test split.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub split: Option<String>,
-    /// `withheld` if the truth is withheld.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub truth: Option<String>,
-    /// What is scored in a test split: particles, and fields unless the train split reveals the velocity
-    /// field.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub scored: Option<Vec<ResultKind>>,
-    /// [`RECORDING`] if the images were recorded instead of generated.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub kind: Option<String>,
-    /// What is known of the particles of a recording.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub known: Option<KnownFacts>,
-    /// Noise of the images of a recording.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub noise: Option<NoiseFacts>,
-    /// Places of the calibration stacks in the field of view, if there are several.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub calibration_places: Vec<PlaceFacts>,
-    /// Digest of all images of a test split.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub images_sha256: Option<String>,
-    /// SHA-256 of salt and truth of a test split.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub commitment_sha256: Option<String>,
-    /// Last day for submissions to the challenge of a test split, such as 2027-03-01.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub deadline: Option<String>,
+/// Declares a struct whose fields are left out of JSON where they have their default: `None` or nothing.
+macro_rules! sparse {
+    ($(#[$about:meta])* pub struct $name:ident { $($(#[$attribute:meta])* pub $field:ident: $type:ty,)+ }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+        #[serde(default)]
+        pub struct $name {
+            $($(#[$attribute])* #[serde(skip_serializing_if = "is_default")] pub $field: $type,)+
+        }
+    };
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+sparse! {
+    /// Facts that users of the images need. Test splits omit those that are derived from the truth.
+    pub struct Facts {
+        /// Name of the program, `microsig`.
+        pub generator: String,
+        /// Its version.
+        pub generator_version: Option<String>,
+        /// [`LAYOUT_VERSION`].
+        pub layout_version: Option<u32>,
+        /// The seed; `Some(None)` (null) with a secret key.
+        #[serde(deserialize_with = "present")]
+        pub seed: Option<Option<u64>>,
+        /// Description of how random numbers are addressed.
+        pub random_streams: Option<String>,
+        /// Times of the frames.
+        pub timing: TimingFacts,
+        /// Pixel size in object space, um.
+        pub um_per_px: Option<f64>,
+        /// With a cylindrical lens before the camera: the rows of the matrix by which it stretches images about
+        /// the center of the sensor. A displacement in px is this matrix times that in um, over `um_per_px`.
+        pub image_stretch: Option<[[f64; 2]; 2]>,
+        /// Physical depth over depth in MicroSIG's data files.
+        pub depth_factor: Option<f64>,
+        /// The camera.
+        pub sensor: Option<SensorFacts>,
+        /// Name of the renderer.
+        pub renderer: Option<String>,
+        /// Light and objective for wave optics.
+        pub waves: Option<WaveFacts>,
+        /// Blur, and how the optics vary over the field of view; left out without both.
+        pub optics: Option<OpticsFacts>,
+        /// Lower and upper end of the depth range, um.
+        pub depth_range_um: Option<[f64; 2]>,
+        /// Length of the depth range, um.
+        pub depth_range_h_um: Option<f64>,
+        /// Text of [`coordinates`].
+        pub coordinates: Option<String>,
+        /// Visible particles per frame, mean over frames.
+        pub n_p: Option<f64>,
+        /// Visible particles per frame and pixel.
+        pub n_ppp: Option<f64>,
+        /// Source density N_S.
+        pub n_s: Option<f64>,
+        /// The share of the sensor in which particles are, if walls or bodies exclude them from the rest.
+        pub image_share: Option<f64>,
+        /// Area of a particle image, px (number of pixels).
+        pub a_pi_px: Option<f64>,
+        /// How concentrations are defined.
+        pub concentration_definition: Option<String>,
+        /// Signal-to-noise ratio.
+        pub snr: Option<SnrFacts>,
+        /// The image of a single particle.
+        pub particle_image: Option<ParticleImageFacts>,
+        /// The images of each of several sizes of particles.
+        pub sizes: Vec<SizeFacts>,
+        /// Diameters of the particles of the calibration stacks, um, if there are several.
+        pub calibration_d_um: Vec<f64>,
+        /// The flow and its formulas.
+        pub motion: Option<MotionFacts>,
+        /// The grid of `truth/field.csv`; `Some(None)` (null) without one.
+        #[serde(deserialize_with = "present")]
+        pub truth_grid: Option<Option<TruthGridFacts>>,
+        /// Largest displacement of a visible particle in the image plane, px.
+        pub max_displacement_px: Option<f64>,
+        /// Gates for scoring.
+        pub scoring_gates: Option<ScoringGates>,
+        /// How results are scored and ranked, where a suite or the scenario states it.
+        pub scoring: Option<ScoringRules>,
+        /// `test` in the public part of a test split.
+        pub split: Option<String>,
+        /// `withheld` if the truth is withheld.
+        pub truth: Option<String>,
+        /// What is scored in a test split: particles, and fields unless the train split reveals the velocity
+        /// field.
+        pub scored: Option<Vec<ResultKind>>,
+        /// [`RECORDING`] if the images were recorded instead of generated.
+        pub kind: Option<String>,
+        /// What is known of the particles of a recording.
+        pub known: Option<KnownFacts>,
+        /// Noise of the images of a recording.
+        pub noise: Option<NoiseFacts>,
+        /// Places of the calibration stacks in the field of view, if there are several.
+        pub calibration_places: Vec<PlaceFacts>,
+        /// Digest of all images of a test split.
+        pub images_sha256: Option<String>,
+        /// SHA-256 of salt and truth of a test split.
+        pub commitment_sha256: Option<String>,
+        /// Last day for submissions to the challenge of a test split, such as 2027-03-01.
+        pub deadline: Option<String>,
+    }
 }
 
 /// The kind of a folder with recorded images.
@@ -378,7 +356,7 @@ pub struct WaveFacts {
     pub layers: Option<Layers>,
     /// Azimuth of the direction in which the cylindrical lens has power, degrees from image x toward image y;
     /// left out if it is 0.
-    #[serde(skip_serializing_if = "is_zero")]
+    #[serde(skip_serializing_if = "is_default")]
     pub cyl_angle_deg: f64,
     /// A cylindrical lens before the camera; left out if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -389,11 +367,6 @@ pub struct WaveFacts {
     /// diameter show; the rest lies outside the drawn part of an image or, with a mask, is blocked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drawn_share: Option<[f64; 2]>,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
