@@ -61,7 +61,7 @@ impl Golden {
         Ok(std::fs::write(Self::folder().join("golden.txt"), text)?)
     }
 
-    /// Names of datasets whose images differ from those of `now`, and of those with differences in other
+    /// Names of datasets whose images differ from `now`, and of datasets that differ in other
     /// files only.
     fn changed(&self, now: &Golden) -> (Vec<String>, Vec<String>) {
         let differ = |part: fn(&Hashes) -> &String| {

@@ -147,7 +147,7 @@ impl Known {
             let bits = self.numbers.iter().map(|n| ((n * factor) as f32).to_bits());
             bits.flat_map(|w| [w, w.swap_bytes()]).collect()
         };
-        // Four bytes may match by chance, so the number of matches is compared with that of unrelated
+        // Four bytes may match by chance, so the number of matches is compared with the matches of unrelated
         // numbers.
         let (true_singles, others) = (singles(1.0), singles(1.000_123));
         let mut hits = [0usize; 4];

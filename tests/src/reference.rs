@@ -148,7 +148,7 @@ impl Case {
     /// `rms`: root mean square difference over the lit pixels beyond the statistical error of both means; at
     /// most 0.5 % of the peak, plus 3 standard errors of the mean square (which is uncertain if there are few
     /// bright pixels). `chi2`: mean squared difference in units of the variance, 1 for equal distributions.
-    /// The variance is modeled with a single Fano factor for all pixels of an image, while that of dim pixels
+    /// The variance is modeled with a single Fano factor for all pixels of an image, while the factor of dim pixels
     /// is 1: chi2 may therefore be up to 1/fano (times c_int, which scales both) plus 4 standard deviations
     /// of chi-square.
     pub fn check_image(&self, ours: &Ensemble, theirs: &[f64]) -> anyhow::Result<Vec<Check>> {

@@ -75,7 +75,7 @@ fn found(evaluation: &Evaluation) -> Found {
 
 /// Each noise against all greater ones. Particles are the same, so that only those count that are found with
 /// one noise alone: of n such particles, the numbers for either noise differ by sqrt(n) by chance; twice that
-/// and one particle are allowed. Median errors may differ by twice the standard error of that of two medians
+/// and one particle are allowed. Median errors may differ by twice the standard error of the difference of two medians
 /// of half-normal errors (1.2 / sqrt(n) each), and by 0.002 px or um, far below what matters.
 fn assert_monotonous(name: &str, scores: &[Found]) {
     for (i, less) in scores.iter().enumerate() {

@@ -62,7 +62,7 @@ fn case(record: &Record) -> (TrackSet, TrackSet, Gate, String) {
     (read("gt"), read("pred"), gate, format!("{name} {} gate {size}", record["dims"]))
 }
 
-/// Compares scores with those of a reference by `theirs = ours`, or one name for both; what stands after `?` is the
+/// Compares scores with a reference by `theirs = ours`, or one name for both; what stands after `?` is the
 /// reference's value where ours is null, otherwise NaN.
 fn compare(what: &str, ours: &Value, theirs: &dyn Fn(&str) -> f64, keys: &str, problems: &mut Vec<String>) {
     for pair in keys.split(',') {

@@ -194,7 +194,7 @@ fn a_release_of_a_suite_continues_and_keeps_its_keys() {
     assert!(run(&[&release[..], &["--resume"]].concat()).contains("0 made now"));
     run(&[&release[..], &["--force", "--new-keys", "--case", "noise_0.5"]].concat());
     assert!(suite::tree(&first).unwrap() != kept);
-    // New keys of all, interrupted after the first; the results of baselines are those of the new images.
+    // New keys of all, interrupted after the first; baselines have results for the new images.
     let resume = [&release[..], &["--resume", "--baselines", "spots"]].concat();
     run(&resume);
     let key = |case: &str| std::fs::read(out.join("P2").join(case).join("withheld/test/secret_key.txt")).ok();

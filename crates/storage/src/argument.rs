@@ -46,7 +46,7 @@ pub fn plot_file() -> impl TypedValueParser<Value = OutputFile> {
     })
 }
 
-/// Parser of the variants of an enum without fields; names and descriptions are those of its schema.
+/// Parser of the variants of an enum without fields; names and descriptions come from its schema.
 #[derive(Debug, Clone)]
 pub struct Choice<T>(PhantomData<T>);
 

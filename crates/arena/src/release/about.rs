@@ -55,7 +55,7 @@ fn particle_columns(in_focus: bool) -> String {
 }
 
 impl ReleaseOptions {
-    /// The facts used in the texts, completed by those of the dataset.
+    /// The facts used in the texts, completed by what the dataset states.
     pub(super) fn texts<'a>(
         &'a self,
         train: &'a Train,

@@ -39,7 +39,7 @@ fn columns() -> impl Iterator<Item = &'static ScoreDef> {
     SCORES.iter().filter(|def| def.is_headline && def.published.is_some() && def.better != Better::NearZero)
 }
 
-/// Whether scoring needs a file of the test split: the flow of a field is that of its scenario. The key reveals more than
+/// Whether scoring needs a file of the test split: a field follows from the scenario. The key reveals more than
 /// the truth.
 fn is_needed(path: &str) -> bool {
     let left_out = ["images/", "particles/", "calibration/"];

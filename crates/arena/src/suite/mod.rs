@@ -330,7 +330,7 @@ fn entries(results: &[PathBuf], suite: (&SuiteRecord, &Path, &[String]), late: b
             entry.refuse_late(record.deadline.as_deref(), path);
         }
         if let Some(other) = entries.iter().position(|other| other.name == entry.name) {
-            // An archive that was sent rather than a folder, such as that of a baseline.
+            // An archive that was sent rather than a folder, such as a baseline's.
             let n = entries.len() + 1;
             let again = if entry.is_archive() { &mut entry } else { &mut entries[other] };
             let problem = format!("{}: another tracker has this name; rename it", again.given.display());

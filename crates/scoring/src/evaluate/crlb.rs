@@ -316,7 +316,7 @@ fn light_at(image: &Gradient, base: &Gradient, k: usize) -> f64 {
 /// Relative change of the diameter for the derivative of an image.
 const DIAMETER_STEP: f64 = 0.02;
 
-/// The bound of the diameter (um), of an image and those of particles that are smaller and larger, which differ by `step_um`
+/// The bound of the diameter (um), from an image and the images of a smaller and a larger particle, which differ by `step_um`
 /// in diameter.
 fn diameter_bound(
     base: &Gradient,

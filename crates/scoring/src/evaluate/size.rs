@@ -1,6 +1,6 @@
 //! Diameters of particles, and their classes.
 //!
-//! Errors are those of the found particles that report a diameter. A tracker that reports only the easy ones has
+//! Errors cover the found particles that report a diameter. A tracker that reports only the easy ones has
 //! smaller errors, so results are ranked by the fraction of all particles whose class is right.
 
 use super::matching::Matching;

@@ -285,7 +285,7 @@ impl Divided<'_> {
         }
     }
 
-    /// Squared errors of velocities, see [`UnitScores`]; empty if those of the truth are unknown.
+    /// Squared errors of velocities, see [`UnitScores`]; empty if true velocities are unknown.
     pub(super) fn velocity(&self, compared: &TrackComparison<'_>) -> Vec<f32> {
         let exact: Vec<[f64; 3]> = {
             let all = &compared.truth.velocity_um_s;

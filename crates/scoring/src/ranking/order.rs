@@ -29,7 +29,7 @@ impl Pairs {
     }
 
     /// Indices of the results by rank: 1 + the number of results that are better, directly or through others that
-    /// they are better than. Pairs that the first criterion decides count first, and those of a later one where they do
+    /// they are better than. Pairs that the first criterion decides count first, and pairs decided by a later one where they do
     /// not contradict what follows from the earlier ones. A better result thus ranks before a worse one, whoever else is
     /// there, unless others that an earlier criterion separates say the opposite; only results of a circle by one criterion
     /// (a better than b, b than c, c than a) share a rank. Of two results that are not separated, one may rank first

@@ -1,4 +1,4 @@
-//! Measured vectors paired with the true displacement, and those of each image pair in the columns and rows of a grid.
+//! Measured vectors paired with the true displacement, and the vectors of each image pair on a grid.
 
 use std::collections::BTreeMap;
 
