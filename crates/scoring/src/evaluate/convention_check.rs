@@ -553,6 +553,7 @@ mod tests {
     use super::*;
     use crate::evaluate::{EvaluateOptions, Score, particles};
     use crate::results::{Source, TrackerResult};
+    use clap::{Args, FromArgMatches};
     use storage::dataset::RecordingFacts;
 
     /// Particles that move by 2 px a frame, at places of no order.
@@ -591,21 +592,13 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let file = place.path().join("r.csv");
         std::fs::write(&file, table).unwrap();
-        let mut given = Conventions::default().completed(&truth.facts);
-        for option in options.split("--").skip(1) {
-            let (name, text) = option.trim().split_once(' ').unwrap();
-            let value = serde_json::Value::from(text);
-            match name {
-                "origin" => given.origin = serde_json::from_value(value).unwrap(),
-                "unit" => given.unit = serde_json::from_value(value).unwrap(),
-                "shift" => {
-                    given.shift_px = [0, 1].map(|k| text.split(' ').nth(k).unwrap().parse().unwrap());
-                }
-                "frame-base" => given.frame_base = text.parse().ok(),
-                "y" => given.y_up = Some(text == "up"),
-                _ => panic!("{name}"),
-            }
-        }
+        // `--shift` has two values, which the command reads.
+        let (options, shift) = options.split_once("--shift ").unwrap_or((options, "0 0"));
+        let command = Conventions::augment_args(clap::Command::new("evaluate").no_binary_name(true));
+        let parsed =
+            Conventions::from_arg_matches(&command.get_matches_from(options.split_whitespace())).unwrap();
+        let shift_px = [0, 1].map(|k| shift.split(' ').nth(k).unwrap().parse().unwrap());
+        let given = Conventions { shift_px, ..parsed.completed(&truth.facts) };
         let source = Source::File(file.into());
         let format = source.format(&given).unwrap();
         let TrackerResult::Points(points) = source.read(format, &given).unwrap() else { panic!("a field") };
