@@ -304,8 +304,7 @@ pub(crate) fn about(
     if !submission.runtime_s.is_none_or(|s| s >= 0.0 && s.is_finite()) {
         wrong("runtime_s", "a time >= 0 s, or null");
     }
-    // Templates of version 0.1 had the British spelling.
-    if submission.coordinate_declaration.replace("centre", "center") != DECLARATION {
+    if submission.coordinate_declaration != DECLARATION {
         wrong("coordinate_declaration", &format!("the template's text: {DECLARATION:?}"));
     }
     if let (Some(edition), Some(stated)) = (&edition, &submission.suite)

@@ -5,7 +5,6 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::files::{SCORE, UNITS};
-use scoring::evaluate::curves::NEIGHBOR_PX;
 use scoring::evaluate::score_keys::beyond_ranges;
 use scoring::evaluate::{Score, UnitScores};
 use storage::error::{Error, Result};
@@ -77,10 +76,6 @@ pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
     if !problems.is_empty() {
         return Err(problems);
     }
-    // Spelling of version 0.1.
-    for curve in score.curves.iter_mut().filter(|curve| curve.against == "neighbour_px") {
-        NEIGHBOR_PX.clone_into(&mut curve.against);
-    }
     // Until 1.0.0, warnings repeated the hints.
     let Score { hints, warnings, .. } = &mut score;
     warnings.retain(|warning| hints.iter().all(|hint| hint.what != *warning));
@@ -124,14 +119,5 @@ mod tests {
             let found = problems(&score);
             assert!(found.len() == 1 && found[0].starts_with(expected), "{expected}: {found:?}");
         }
-    }
-
-    #[test]
-    fn keys_of_version_0_1_are_read() {
-        let old = json!({ "definitions": { "versions": { "microsig": "0.1.0" } }, "detection": { "f1": 1 },
-            "curves": [{ "against": "neighbour_px", "bins": [{ "from": 60, "to": null, "n_true": 3 }] }] });
-        let score = parse(&old.to_string()).unwrap();
-        assert_eq!(score.curves[0].against, NEIGHBOR_PX);
-        assert_eq!(score.curves[0].bins[0].to, f64::INFINITY);
     }
 }

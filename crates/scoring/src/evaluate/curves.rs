@@ -51,7 +51,7 @@ scores! {
     }
 }
 
-/// Name of the curve over the distance to the nearest neighbor; `neighbour_px` in files of version 0.1.
+/// Name of the curve over the distance to the nearest neighbor.
 pub const NEIGHBOR_PX: &str = "neighbor_px";
 
 /// Bins over depth.
