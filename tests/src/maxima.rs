@@ -23,13 +23,6 @@ pub struct Maximum {
     pub images: u32,
 }
 
-impl Maximum {
-    /// Standard error of the mean, counts.
-    pub fn standard_error(&self) -> f64 {
-        self.deviation / f64::from(self.images).sqrt()
-    }
-}
-
 /// The original's curve from `fig3c.csv` or `fig3d.csv`.
 pub fn read(path: &Path) -> anyhow::Result<Vec<Maximum>> {
     let mut curve = Vec::new();
@@ -79,12 +72,4 @@ pub fn curve(
         })
         .collect();
     Ok(maxima)
-}
-
-/// Depth of the peak, um: the vertex of the parabola through the highest value and its two neighbors.
-pub fn peak(curve: &[Maximum]) -> f64 {
-    let highest = (1..curve.len() - 1).max_by(|&i, &j| curve[i].mean.total_cmp(&curve[j].mean)).unwrap_or(1);
-    let [left, top, right] = [curve[highest - 1].mean, curve[highest].mean, curve[highest + 1].mean];
-    let step = curve[highest + 1].z_um - curve[highest].z_um;
-    curve[highest].z_um + step * 0.5 * (left - right) / (left - 2.0 * top + right)
 }
