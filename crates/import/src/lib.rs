@@ -1,7 +1,7 @@
 //! Your own recordings as folders that are read like datasets.
 //!
 //! The images stay as they were recorded (`frames`), the calibration stacks are averages of particles of a
-//! scan (`particles`, `alignment`, `places`), the noise comes from its repeated frames (`stacks`), and
+//! scan (`particles`, `alignment`, `stacks`), the noise comes from its repeated frames (`stacks`), and
 //! the truth is what is known: heights of planes, positions of particles (`known`). Trackers, scores and
 //! views read such a folder as they read a dataset; `kind: recording` in its manifest tells the difference.
 #![allow(missing_docs, reason = "the command is what users see; fields are named after what they are")]
@@ -17,7 +17,6 @@ mod located;
 mod manifest;
 mod optics;
 mod particles;
-mod places;
 mod stacks;
 
 use std::ops::RangeInclusive;
