@@ -44,11 +44,8 @@ fn score(folder: &Path, method: &str) -> Value {
 /// The same without particles closer than `border` px to the edge.
 fn score_inside(folder: &Path, method: &str, border: u32) -> Value {
     let (dataset, result) = (folder.join("dataset"), folder.join(format!("{method}.csv")));
-    let out = folder.join(format!("score_{method}"));
     run(&["track", path(&dataset), "--method", method, "--out", path(&result), "--quiet"]);
-    let border = border.to_string();
-    run(&["evaluate", path(&dataset), path(&result), "--border", &border, "--out", path(&out), "--quiet"]);
-    serde_json::from_slice(&std::fs::read(out.join("score.json")).unwrap()).unwrap()
+    json(&["evaluate", path(&dataset), path(&result), "--border", &border.to_string()])
 }
 
 fn number(score: &Value, pointer: &str) -> f64 {
@@ -89,11 +86,9 @@ fn diameters_of_particles_are_measured() {
         let found = score(folder.path(), method);
         assert!(number(&found, "/size/right") > 0.9, "{method}: {}", found["size"]);
     }
-    let (dataset, result, out) =
-        (folder.path().join("dataset"), folder.path().join("d.csv"), folder.path().join("d"));
+    let (dataset, result) = (folder.path().join("dataset"), folder.path().join("d.csv"));
     run(&["track", path(&dataset), "--method", "mle", "--fit-diameter", "--out", path(&result), "--quiet"]);
-    run(&["evaluate", path(&dataset), path(&result), "--crlb", "--out", path(&out), "--quiet"]);
-    let found: Value = serde_json::from_slice(&std::fs::read(out.join("score.json")).unwrap()).unwrap();
+    let found = json(&["evaluate", path(&dataset), path(&result), "--crlb"]);
     let bins = found.pointer("/crlb/bins").and_then(Value::as_array).unwrap();
     let squares: Vec<f64> = bins.iter().map(|bin| number(bin, "/crlb_d_um").powi(2)).collect();
     let bound = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
@@ -195,9 +190,7 @@ fn axes_are_measured(method: &str, ratio: &[&str], angle: &str, found: f64) {
     let (dataset, result) = (folder.path().join("dataset"), folder.path().join("mle.csv"));
     let track = ["track", path(&dataset), "--method", method, "--shape", "spheroid", "--quiet"];
     run(&[&track[..], &["--out", path(&result)], ratio].concat());
-    let out = folder.path().join("score");
-    run(&["evaluate", path(&dataset), path(&result), "--crlb", "--out", path(&out), "--quiet"]);
-    let score: Value = serde_json::from_slice(&std::fs::read(out.join("score.json")).unwrap()).unwrap();
+    let score = json(&["evaluate", path(&dataset), path(&result), "--crlb"]);
     assert!(number(&score, "/detection/tp") >= found, "{score}");
     assert!(number(&score, &format!("/orientation/{angle}")) < 3.0, "{}", score["orientation"]);
     if method == "mle" {

@@ -288,8 +288,8 @@ fn estimate(scenario: &str, set: &[&str]) -> Value {
     let file = write(place.path(), "s.ron", scenario);
     let set = set.iter().flat_map(|set| ["--set", set]);
     let arguments: Vec<&str> =
-        ["generate", path(&file), "--dry-run", "--json", "--threads", "1"].into_iter().chain(set).collect();
-    serde_json::from_str(&run(&arguments)).unwrap()
+        ["generate", path(&file), "--dry-run", "--threads", "1"].into_iter().chain(set).collect();
+    json(&arguments)
 }
 
 #[test]

@@ -221,8 +221,7 @@ fn optics_say_what_lenses_and_densities_allow() {
     );
     let (svg, png) = (place.path().join("lenses.svg"), place.path().join("lenses.png"));
     let lens = "optics.cylinder=lens(focal_length_mm: 1000, to_sensor_mm: 115)";
-    let told = run(&["optics", path(&scenario), "--variant", lens, "--json", "--plot", path(&svg)]);
-    let told: Value = serde_json::from_str(&told).unwrap();
+    let told = json(&["optics", path(&scenario), "--variant", lens, "--plot", path(&svg)]);
     let [none, lens_] = [0, 1].map(|k| &told["scenarios"][k]);
     let number = |of: &Value, path: &str| of.pointer(path).and_then(Value::as_f64).unwrap();
     let share = |of: &Value| number(of, "/bounds/determined_share");

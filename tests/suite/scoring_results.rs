@@ -28,11 +28,6 @@ const PAIRS: &str = r#"(
     calibration: none,
 )"#;
 
-fn evaluated(arguments: &[&str]) -> serde_json::Value {
-    let said = run(&[&["evaluate"], arguments, &["--json", "--quiet"]].concat());
-    serde_json::from_str(&said).unwrap()
-}
-
 fn is_perfect(score: &serde_json::Value) {
     let number = |of: &str| score.pointer(&format!("/{of}")).and_then(serde_json::Value::as_f64);
     let ones = "detection/precision detection/recall detection/f1 detection/jaccard links/precision links/recall \
@@ -58,7 +53,7 @@ fn the_truth_is_a_perfect_result_where_particles_leave_and_come_back() {
     let place = tempfile::tempdir().unwrap();
     let dataset = generate(place.path(), "dataset", VORTEX);
     let tracks = dataset.join("truth/tracks.csv");
-    let score = evaluated(&[path(&dataset), path(&tracks)]);
+    let score = json(&["evaluate", path(&dataset), path(&tracks)]);
     is_perfect(&score);
     // Checks the premise: some particle is visible, invisible, and visible again.
     let header = csv::Reader::from_path(&tracks).unwrap().headers().unwrap().clone();
@@ -78,7 +73,7 @@ fn the_truth_is_a_perfect_result_where_particles_leave_and_come_back() {
 fn the_truth_of_pairs_is_a_perfect_result() {
     let place = tempfile::tempdir().unwrap();
     let dataset = generate(place.path(), "dataset", PAIRS);
-    is_perfect(&evaluated(&[path(&dataset), path(&dataset.join("truth/tracks.csv"))]));
+    is_perfect(&json(&["evaluate", path(&dataset), path(&dataset.join("truth/tracks.csv"))]));
 }
 
 proptest! {
@@ -215,8 +210,7 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
     // A truth that is not the one of the manifest.
     let whole = std::fs::read_to_string(&tracks).unwrap();
     std::fs::write(&tracks, whole.trim_end().rsplit_once('\n').unwrap().0).unwrap();
-    let said = run(&["evaluate", path(&dataset), path(&worse), "--json"]);
-    let changed: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let changed = json(&["evaluate", path(&dataset), path(&worse)]);
     assert!(changed["warnings"].to_string().contains("truth/tracks.csv has changed"), "{changed}");
     assert!(changed["definitions"]["truth_sha256"] != score["definitions"]["truth_sha256"]);
     std::fs::write(&tracks, whole).unwrap();
@@ -251,8 +245,7 @@ fn a_comparison_knows_datasets_by_their_truth_and_ranks_fields_apart() {
     let compared = |scores: &[&Path], out: &str| -> serde_json::Value {
         let out = place.path().join(out);
         let scores: Vec<&str> = scores.iter().map(|s| path(s)).collect();
-        let said = run(&[&["compare"], &scores[..], &["--out", path(&out), "--json", "--quiet"]].concat());
-        serde_json::from_str(&said).unwrap()
+        json(&[&["compare"], &scores[..], &["--out", path(&out)]].concat())
     };
     let both = compared(&[&vectors, &particles], "both");
     assert_eq!(both["warnings"].as_array().map(Vec::len), Some(0), "{both}");
@@ -292,7 +285,7 @@ fn options_belong_to_a_kind_of_results() {
     assert!(said.contains("--plane: is for results that are fields"), "{said}");
     let said = fail(2, &["evaluate", path(&dataset), path(&tracks), "--dims", "2", "--gate-z", "5"]);
     assert!(said.contains("--gate-z: has no meaning with --dims 2"), "{said}");
-    let score = evaluated(&[path(&dataset), path(&field), "--crlb"]);
+    let score = json(&["evaluate", path(&dataset), path(&field), "--crlb"]);
     assert_eq!(score["crlb"], serde_json::Value::Null);
     assert!(
         score["warnings"].to_string().contains("no Cramer-Rao bound: it is defined for particles only"),
