@@ -367,19 +367,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn rows_and_frames_have_noise_of_their_own() {
-        let settings = Settings { pixel_dim_x: 64, pixel_dim_y: 64, ..Settings::setting1() };
-        let sensor = Sensor::new(&settings);
-        let dark = Light::dark(&settings);
-        let image = |frame| sensor.expose(&dark, &Streams::new(1), Purpose::BackgroundNoise, frame);
-        assert_eq!(image(0), image(0));
-        assert_ne!(image(0), image(1));
-        let first = image(0);
-        let counts = first.counts.whole();
-        assert_ne!(counts[..64], counts[64..128]);
-    }
-
     /// The mean of exposures follows the light in steps far below one count.
     #[test]
     fn noise_rounded_with_the_sum_dithers() {

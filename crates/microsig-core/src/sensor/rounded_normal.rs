@@ -119,35 +119,4 @@ mod tests {
             }
         }
     }
-
-    /// Chi-square of a million samples against the probabilities of the rounded normal distribution.
-    #[test]
-    fn noise_has_the_law_of_a_rounded_normal() {
-        for sigma in [0.3, 5.0, 10.0] {
-            let noise = RoundedNormal::new(sigma);
-            let n = 1_000_000;
-            let reach = (4.0 * sigma) as i32 + 1;
-            let mut histogram = vec![0.0; (2 * reach + 1) as usize];
-            let mut stream = Streams::new(3).stream(Purpose::BackgroundNoise, 0, 0);
-            for _ in 0..n {
-                let k = noise.sample(stream.next_u32()).clamp(-reach, reach);
-                histogram[(k + reach) as usize] += 1.0;
-            }
-            let below = |x: f64| 0.5 * libm::erfc(-x / (sigma * std::f64::consts::SQRT_2));
-            let (mut chi2, mut bins) = (0.0, 0);
-            for (i, &count) in histogram.iter().enumerate() {
-                let k = f64::from(i as i32 - reach);
-                let low = if i == 0 { 0.0 } else { below(k - 0.5) };
-                let high = if i + 1 == histogram.len() { 1.0 } else { below(k + 0.5) };
-                let expected = (high - low) * f64::from(n);
-                if expected > 5.0 {
-                    chi2 += (count - expected) * (count - expected) / expected;
-                    bins += 1;
-                }
-            }
-            // Mean bins - 1, standard deviation sqrt(2 bins): 4 of them is one false alarm in 10,000 seeds.
-            let limit = f64::from(bins) + 4.0 * (2.0 * f64::from(bins)).sqrt();
-            assert!(chi2 < limit, "sigma {sigma}: chi2 {chi2}, {bins} bins");
-        }
-    }
 }

@@ -42,35 +42,6 @@ fn correlation(a: &[f64], b: &[f64], right: usize, down: usize) -> f64 {
     ab / f64::sqrt(aa * bb) * f64::sqrt(n)
 }
 
-/// Moments of a normal distribution with Sheppard's corrections for rounding.
-#[test]
-fn moments_are_those_of_a_rounded_normal_number() {
-    // Noise subtracts at most 6 * 150 = 900 of 1,000 counts: nothing is clamped.
-    for sigma in [1.0, 5.0, 10.0, 15.5, 40.0, 150.0] {
-        let values = noise(sigma, &Streams::new(3), Purpose::BackgroundNoise, 0);
-        let n = values.len() as f64;
-        let moment = |power: f64| values.iter().map(|v| libm::pow(*v, power)).sum::<f64>() / n;
-        let variance: f64 = sigma * sigma + 1.0 / 12.0;
-        for (name, found, expected, error) in [
-            ("mean", moment(1.0), 0.0, f64::sqrt(variance / n)),
-            ("variance", moment(2.0), variance, variance * f64::sqrt(2.0 / n)),
-            ("skewness", moment(3.0) / (variance * variance.sqrt()), 0.0, f64::sqrt(15.0 / n)),
-            // The fourth cumulant of a uniform rounding error is -1/120.
-            (
-                "kurtosis",
-                moment(4.0) / (variance * variance),
-                3.0 - 1.0 / 120.0 / (variance * variance),
-                f64::sqrt(96.0 / n),
-            ),
-        ] {
-            assert!(
-                (found - expected).abs() < STANDARD_ERRORS * error,
-                "sigma {sigma}: {name} {found}, expected {expected} +- {error}"
-            );
-        }
-    }
-}
-
 /// Chi-square over all values with an expectation of 20 or more, with the tails merged.
 #[test]
 fn counts_are_as_frequent_as_rounded_normal_numbers() {
