@@ -14,7 +14,7 @@ pub fn find(name: &str) -> Option<&'static FieldEntry> {
 }
 
 macro_rules! entries {
-    ($($(#[$meaning:meta])* $field:ident($parameters:ident),)*) => {
+    ($($field:ident($parameters:ident),)*) => {
         /// All fields: those with a formula of their own, the gridded field, then the compositions.
         pub const ENTRIES: &[FieldEntry] = &[
             $(<fields::$parameters as FieldParameters>::ENTRY,)*

@@ -18,14 +18,14 @@ use super::motion::{Motion, in_file};
 use storage::error::{Error, Result};
 
 macro_rules! field {
-    ($($(#[$meaning:meta])* $variant:ident($parameters:ident),)*) => {
+    ($($variant:ident($parameters:ident),)*) => {
         /// A velocity field and its parameters; formulas, ranges and meanings are those of `flows::registry`.
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(rename_all = "snake_case")]
         #[schemars(transform = formulas)]
         pub enum Field {
             $(
-                $(#[$meaning])*
+                /// The field of this name in `flows::registry`.
                 $variant(f::$parameters),
             )*
             /// Velocities on a regular grid, from a file.

@@ -68,69 +68,37 @@ pub use womersley::{CrossSection, Womersley, WomersleyParams};
 macro_rules! for_each_field {
     ($callback:ident) => {
         $callback! {
-            /// Uniform flow.
             Uniform(UniformParams),
-            /// Simple shear.
             Shear(ShearParams),
-            /// Solid-body rotation.
             Rotation(RotationParams),
-            /// Pure strain.
             Strain(StrainParams),
-            /// Isotropic expansion.
             Dilatation(DilatationParams),
-            /// Any linear field.
             Linear(LinearParams),
-            /// Plane Poiseuille flow.
             Poiseuille(PoiseuilleParams),
-            /// Plane Couette-Poiseuille flow.
             CouettePoiseuille(CouettePoiseuilleParams),
-            /// Flow in a rectangular duct.
             Duct(DuctParams),
-            /// Flow in a circular tube.
             Tube(TubeParams),
-            /// Pulsating flow in a channel or tube.
             Womersley(WomersleyParams),
-            /// Electro-osmotic flow.
             ElectroOsmotic(ElectroOsmoticParams),
-            /// Hele-Shaw flow around a pillar.
             HeleShaw(HeleShawParams),
-            /// Rankine vortex.
             Rankine(RankineParams),
-            /// Lamb-Oseen vortex.
             LambOseen(LambOseenParams),
-            /// Burgers vortex.
             Burgers(BurgersParams),
-            /// Taylor-Green vortices.
             TaylorGreen(TaylorGreenParams),
-            /// Cellular flow.
             Cellular(CellularParams),
-            /// Double gyre.
             DoubleGyre(DoubleGyreParams),
-            /// Arnold-Beltrami-Childress flow.
             Abc(AbcParams),
-            /// Hill's spherical vortex.
             Hill(HillParams),
-            /// Sinusoidal velocity.
             Sinusoid(SinusoidParams),
-            /// Hyperbolic-tangent shear layer.
             TanhLayer(TanhLayerParams),
-            /// Bickley jet.
             BickleyJet(BickleyJetParams),
-            /// Source or sink.
             Source(SourceParams),
-            /// Stokes flow past a sphere.
             StokesSphere(StokesSphereParams),
-            /// Stokes flow past a cylinder in a cell.
             StokesCylinder(StokesCylinderParams),
-            /// Toroidal circulation in a sessile drop.
             ToroidalDrop(ToroidalDropParams),
-            /// Capillary flow in a drying drop.
             CoffeeRing(CoffeeRingParams),
-            /// Rayleigh streaming between plates.
             RayleighStreaming(RayleighStreamingParams),
-            /// Acoustophoretic velocity in a half-wave channel.
             Acoustophoresis(AcoustophoresisParams),
-            /// Kraichnan turbulence.
             Kraichnan(KraichnanParams),
         }
     };

@@ -5,6 +5,7 @@
 //! steady and fully developed; side walls are neglected. Trajectories are straight lines at constant speed.
 //! Beyond the plates the velocity is zero.
 
+use super::plates::{Plates, along, direction, inside};
 use super::prelude::*;
 use super::speed::max_speed;
 
@@ -72,10 +73,9 @@ impl PoiseuilleParams {
 /// Plane Poiseuille flow between a floor and a ceiling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Poiseuille {
+    plates: Plates,
     direction: DVec3,
     max_speed: f64,
-    floor: f64,
-    ceiling: f64,
 }
 
 impl Poiseuille {
@@ -84,58 +84,47 @@ impl Poiseuille {
     /// screen. `Err` if a value is not finite or the floor is not below the ceiling.
     pub fn new(max_speed: f64, floor: f64, ceiling: f64, angle: f64) -> Result<Self> {
         CHECK.finite("max_speed_um_s", max_speed)?;
-        CHECK.finite("floor_um", floor)?;
-        CHECK.finite("ceiling_um", ceiling)?;
-        if ceiling <= floor {
-            return Err(CHECK.fault("ceiling_um", ceiling, &format!("a number > floor_um = {floor}")));
-        }
-        let (sin, cos) = libm::sincos(CHECK.finite("angle_rad", angle)?);
-        Ok(Poiseuille { direction: DVec3::new(cos, sin, 0.0), max_speed, floor, ceiling })
+        let direction = direction(CHECK.finite("angle_rad", angle)?);
+        Ok(Poiseuille { plates: Plates::new(CHECK, Some([floor, ceiling]))?, direction, max_speed })
     }
 
     /// The flow of these parameters.
     pub fn from_params(params: &PoiseuilleParams) -> Result<Self> {
-        let params = params.checked()?;
-        let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
+        let [floor, ceiling] = params.checked()?.walls_z_um.unwrap_or(CHANNEL);
         Self::new(params.max_speed()?, floor, ceiling, params.direction_rad)
     }
 
-    /// The height above the floor as a fraction of the depth, clamped to 0..1 beyond the plates.
-    fn height(&self, z: f64) -> f64 {
-        ((z - self.floor) / (self.ceiling - self.floor)).clamp(0.0, 1.0)
+    fn speed<S: Real>(&self, height: S) -> S {
+        if inside(height.value()) {
+            height * (4.0 * self.max_speed) * (-height + 1.0)
+        } else {
+            S::constant(0.0)
+        }
     }
+}
 
-    fn speed(&self, height: f64) -> f64 {
-        4.0 * self.max_speed * height * (1.0 - height)
+impl Formula for Poiseuille {
+    fn formula<S: Real>(&self, x: [S; 3], _t: f64) -> [S; 3] {
+        along(self.direction, self.speed(self.plates.height(x[2])))
     }
 }
 
 impl VelocityField for Poiseuille {
+    by_formula!();
     facts!(divergence_free, steady, straight, walls_same_along(true, true, false));
-
-    fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
-        self.direction * self.speed(self.height(x.z))
-    }
-
-    fn gradient(&self, x: DVec3, _t: f64) -> DMat3 {
-        let inside = x.z >= self.floor && x.z <= self.ceiling;
-        let slope = 4.0 * self.max_speed * (1.0 - 2.0 * self.height(x.z)) / (self.ceiling - self.floor);
-        let along_z = if inside { self.direction * slope } else { DVec3::ZERO };
-        DMat3::from_cols(DVec3::ZERO, DVec3::ZERO, along_z)
-    }
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
         Some(x.z)
     }
 
     fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
-        Some(Wall::between(Axis::Z, self.floor, self.ceiling, x))
+        Some(self.plates.wall(x))
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // The speed decreases from the mid-plane: the fastest layer of the box is the one nearest to it.
-        let fastest = 0.5_f64.clamp(self.height(region.min().z), self.height(region.max().z));
-        self.speed(fastest).abs() * ROUNDING_MARGIN
+        let (low, high) = self.plates.heights(region);
+        self.speed(0.5_f64.clamp(low, high)).abs() * ROUNDING_MARGIN
     }
 }
 
@@ -184,6 +173,9 @@ mod tests {
     #[test]
     fn plates_in_the_wrong_order_are_refused() {
         let message = Poiseuille::new(1.0, 20.0, -80.0, 0.0).unwrap_err().to_string();
-        assert_eq!(message, "poiseuille: ceiling_um = -80: expected a number > floor_um = 20");
+        assert_eq!(
+            message,
+            "poiseuille: walls_z_um = [20.0, -80.0]: expected two finite numbers, the lower first"
+        );
     }
 }
