@@ -118,7 +118,6 @@ impl<T: Numbers, const N: usize> Numbers for [T; N] {
 }
 
 /// Adds range and condition to the schema of a parameter.
-#[cfg(feature = "schema")]
 pub(crate) fn restricted(
     range: Option<Interval>,
     condition: &'static str,
@@ -179,28 +178,27 @@ macro_rules! params {
         }
     ) => {
         $(#[$attribute])*
-        #[derive(Debug, Clone, PartialEq)]
-        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-        #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(default)]
         pub struct $name {
             $(
                 #[doc = $meaning]
                 ///
                 #[doc = concat!("Default `", stringify!($default), "`; ", stringify!($($range)+), $(" ", $condition,)? ".")]
-                $(#[cfg_attr(feature = "serde", serde(alias = $alias))])?
+                $(#[serde(alias = $alias)])?
                 $(
                     #[doc = concat!("Unless given: ", $otherwise, ".")]
-                    #[cfg_attr(feature = "schema", schemars(extend("x-default" = $otherwise)))]
-                    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+                    #[schemars(extend("x-default" = $otherwise))]
+                    #[serde(skip_serializing_if = "Option::is_none")]
                 )?
-                #[cfg_attr(feature = "schema", schemars(
+                #[schemars(
                     description = $meaning,
                     transform = crate::params::restricted(
                         crate::params::range_of!($($range)+),
                         concat!($($condition)?),
                     ),
-                ))]
-                $(#[cfg_attr(feature = "schema", schemars(extend("x-formerly" = [$alias])))])?
+                )]
+                $(#[schemars(extend("x-formerly" = [$alias]))])?
                 pub $field: $type,
             )*
         }

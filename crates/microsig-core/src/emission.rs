@@ -12,14 +12,15 @@
 
 use crate::particle::{Particle, Spheroid};
 use crate::settings::Settings;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// A point on a particle's surface relative to its center, um, in internal axes.
 pub type Point = [f64; 3];
 
 /// Distribution of the source points over a spheroid's surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum SpheroidLaw {
     /// As in MicroSIG's program: a stretched spiral, denser toward the poles; the points on the lens side of
     /// a plane through four extreme points emit, about half of them.

@@ -7,16 +7,15 @@
 //! height s, and U is the mean over the depth.
 //!
 //! Outside the core, r^n grows at the rate n c^(n-1) U; inside, r grows exponentially. In a sink (U < 0)
-//! tracers approach the center asymptotically and accumulate in the core; a drain ([`crate::Body::draining`])
+//! tracers approach the center asymptotically and accumulate in the core; a drain ([`crate::Body::Drain`])
 //! that covers the core removes them.
 
 use super::plates::Plates;
 use super::prelude::*;
 
 /// Shapes of a source.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum SourceShape {
     /// A line along z.
     Line,

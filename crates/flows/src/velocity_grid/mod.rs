@@ -28,14 +28,13 @@ pub struct VelocityGrid {
 }
 
 /// Positions and times of the nodes of a `.npy` file, which stores only values.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(default)]
 pub struct GridGeometry {
     /// Position of the first node (x, y, z).
     pub origin_um: [f64; 3],
     /// Node spacing along x, y and z, um.
-    #[cfg_attr(feature = "schema", schemars(extend("exclusiveMinimum" = 0)))]
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub spacing_um: [f64; 3],
     /// Increasing times of the stored fields, s; empty for a single field.
     pub times_s: Vec<f64>,

@@ -9,11 +9,12 @@
 use crate::error::{Error, Fault};
 use crate::particle::Particle;
 use crate::settings::Settings;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// How the optics vary over the field of view; by default they do not.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct FieldOptics {
     /// Depth of the surface in focus.
     pub focus: FocusSurface,
@@ -21,10 +22,10 @@ pub struct FieldOptics {
     pub chief_ray: ChiefRay,
     /// Relative displacement of images away from the center of the field, per squared distance from it;
     /// negative for barrel distortion.
-    #[cfg_attr(feature = "schema", schemars(range(min = -100.0, max = 100.0), extend("x-unit" = "1/mm^2")))]
+    #[schemars(range(min = -100.0, max = 100.0), extend("x-unit" = "1/mm^2"))]
     pub distortion_per_mm2: f64,
     /// Relative change of the light of images, per squared distance from the center of the field.
-    #[cfg_attr(feature = "schema", schemars(range(min = -1e4, max = 1e4), extend("x-unit" = "1/mm^2")))]
+    #[schemars(range(min = -1e4, max = 1e4), extend("x-unit" = "1/mm^2"))]
     pub light_per_mm2: f64,
     /// Coma, for `mode: waves`.
     pub coma: FieldComa,
@@ -35,25 +36,23 @@ pub struct FieldOptics {
 }
 
 /// Depth of the surface in focus: a tilted paraboloid that contains the center of the field at z = 0.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct FocusSurface {
     /// Field curvature: depth per squared distance from the center.
-    #[cfg_attr(feature = "schema", schemars(range(min = -1e5, max = 1e5), extend("x-unit" = "um/mm^2")))]
+    #[schemars(range(min = -1e5, max = 1e5), extend("x-unit" = "um/mm^2"))]
     pub curvature_um_per_mm2: f64,
     /// Tilt: depth per distance along x and y.
-    #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "um/mm")))]
+    #[schemars(extend("x-unit" = "um/mm"))]
     pub tilt_um_per_mm: (f64, f64),
     /// Standard deviation of the depths in focus of particles about the surface (Gaussian, the same in all frames of a
     /// track), as `microsig fit --field` measures it for dried particles; 0 for tracers in a fluid unless it is known.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "um")))]
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_zero"))]
+    #[schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "um"))]
+    #[serde(skip_serializing_if = "is_zero")]
     pub scatter_um: f64,
 }
 
 /// Whether a value is the default of [`FocusSurface::scatter_um`].
-#[cfg(feature = "serde")]
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
@@ -61,53 +60,49 @@ fn is_zero(value: &f64) -> bool {
 
 /// Slope of the chief ray: displacement of an image along x and y per distance of its particle from the
 /// surface in focus, in the particles' medium. 0 everywhere: a telecentric system.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct ChiefRay {
     /// At the center of the field.
     pub slope: (f64, f64),
     /// Change of the slope per distance from the center, along the direction from it.
-    #[cfg_attr(feature = "schema", schemars(range(min = -10.0, max = 10.0), extend("x-unit" = "1/mm")))]
+    #[schemars(range(min = -10.0, max = 10.0), extend("x-unit" = "1/mm"))]
     pub per_mm: f64,
 }
 
 /// Coma: coefficients of Noll's terms 8 (along x) and 7 (along y), waves rms.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct FieldComa {
     /// At the center of the field.
-    #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "waves")))]
+    #[schemars(extend("x-unit" = "waves"))]
     pub constant: (f64, f64),
     /// Change per distance from the center, along the direction from it.
-    #[cfg_attr(feature = "schema", schemars(range(min = -100.0, max = 100.0), extend("x-unit" = "waves/mm")))]
+    #[schemars(range(min = -100.0, max = 100.0), extend("x-unit" = "waves/mm"))]
     pub per_mm: f64,
 }
 
 /// Astigmatism: coefficients of Noll's terms 6 (along x and y) and 5 (along the diagonals), waves rms.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct FieldAstigmatism {
     /// At the center of the field.
-    #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "waves")))]
+    #[schemars(extend("x-unit" = "waves"))]
     pub constant: (f64, f64),
     /// Term of misaligned lenses: the coefficients change by this times (X, Y).
-    #[cfg_attr(feature = "schema", schemars(range(min = -100.0, max = 100.0), extend("x-unit" = "waves/mm")))]
+    #[schemars(range(min = -100.0, max = 100.0), extend("x-unit" = "waves/mm"))]
     pub per_mm: f64,
     /// Term of aligned lenses: the coefficients change by this times (X^2 - Y^2, 2 X Y).
-    #[cfg_attr(feature = "schema", schemars(range(min = -1e3, max = 1e3), extend("x-unit" = "waves/mm^2")))]
+    #[schemars(range(min = -1e3, max = 1e3), extend("x-unit" = "waves/mm^2"))]
     pub per_mm2: f64,
 }
 
 /// Vignetting: the pupil narrows along the direction from the center of the field.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Vignetting {
     /// Relative reduction of the half width of the pupil in that direction, per squared distance.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "1/mm^2")))]
+    #[schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "1/mm^2"))]
     pub meridional_per_mm2: f64,
 }
 
@@ -204,9 +199,7 @@ impl FieldOptics {
         FieldOptics { coma, astigmatism, vignetting, ..Self::default() } != Self::default()
     }
 
-    /// Checks all values for a sensor with these settings; messages have the keys of a scenario.
-    ///
-    /// # Errors
+    /// Checks all values for a sensor with these settings; messages have the keys of a scenario. Errors:
     /// [`Error::Malformed`] with all values out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
         let mut faults = Vec::new();

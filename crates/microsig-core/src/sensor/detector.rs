@@ -54,15 +54,13 @@ pub struct Detector {
 }
 
 /// Pixels with a large dark signal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 pub struct HotPixels {
     /// Fraction of hot pixels.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1.0)))]
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub fraction: f64,
     /// Dark electrons of a hot pixel per frame, in addition to `dark_e`.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e12)))]
+    #[schemars(range(min = 0.0, max = 1e12))]
     pub dark_e: f64,
 }
 
@@ -89,10 +87,7 @@ impl Default for Detector {
 }
 
 impl Detector {
-    /// Checks all values.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] with every value out of range.
+    /// Checks all values. Errors: [`Error::Malformed`] with every value out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
         let mut faults = Vec::new();
         let mut check = |name: &str, value: f64, fits: bool, allowed: &str| {

@@ -1,5 +1,7 @@
 //! Images: whole counts as a camera delivers them, or counts before they are rounded.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::ops::Range;
 
@@ -85,9 +87,8 @@ impl Counts {
 }
 
 /// What the pixels of an image file hold.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum ImageFormat {
     /// Whole counts of 16 bit, or of 8 bit for a sensor of 8 bit, clamped to the sensor's range.
     #[default]

@@ -19,13 +19,14 @@ use crate::fields::prelude::*;
 use crate::params::{Parameter, range_of};
 use crate::velocity_grid::VelocityGrid;
 use microsig_core::bspline;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 const CHECK: ParameterCheck = ParameterCheck("gridded");
 
 /// Interpolation between the nodes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Interpolation {
     /// Tricubic B-spline, with two continuous derivatives.
     #[default]

@@ -25,8 +25,7 @@ const LENGTHS_MM: std::ops::RangeInclusive<f64> = 0.01..=1e7;
 const MOST: f64 = 5.0;
 
 /// A thin cylindrical lens between the tube lens and the sensor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Cylinder {
     /// Focal length, mm; negative for a diverging lens.
     pub focal_length_mm: f64,
@@ -56,10 +55,7 @@ impl Cylinder {
         -1e3 * d * d / (magnification * magnification * (f - d))
     }
 
-    /// Checks both lengths.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] with the value and what is allowed.
+    /// Checks both lengths. Errors: [`Error::Unsupported`] with the value and what is allowed.
     pub fn validate(&self) -> Result<(), Error> {
         let Cylinder { focal_length_mm: f, to_sensor_mm: d } = self;
         let refuse = |message: String| Err(Error::Unsupported(message));

@@ -4,6 +4,8 @@ use super::cylinder::Cylinder;
 use crate::error::{Error, Fault};
 use crate::optics::FieldOptics;
 use crate::settings::Settings;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// There is a warning if the peak in focus in vectorial theory is less than this fraction of the scalar one.
 const MIN_VECTORIAL_PEAK: f64 = 0.88;
@@ -86,9 +88,8 @@ impl WaveOptics {
 }
 
 /// The part of a particle that emits light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Emission {
     /// The half of its surface that faces the lens, as in MicroSIG.
     #[default]
@@ -108,9 +109,8 @@ impl Emission {
 }
 
 /// The model of the objective, for wave optics.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Lens {
     /// MicroSIG's thin lens with its spherical aberration; dry.
     #[default]
@@ -153,26 +153,25 @@ impl Lens {
 }
 
 /// The pupil of the objective, in units of its radius; x to the right and y down as in the image.
-#[derive(Debug, Clone, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(rename = "Pupil"))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+#[schemars(rename = "Pupil")]
 pub struct PupilFunction {
     /// The open part of the pupil; the rest blocks light.
     pub mask: Mask,
     /// Aberrations: Noll's index (2 to 66) and the coefficient, waves rms at `wavelength_um`; 6 is
     /// astigmatism along x and y, 11 spherical aberration.
-    #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "waves"), example = vec![(6, 0.1), (11, -0.05)]))]
+    #[schemars(extend("x-unit" = "waves"), example = vec![(6, 0.1), (11, -0.05)])]
     pub zernike: Vec<(u32, f64)>,
     /// Transmission at the rim of the pupil less that at its center, which is 1; it changes with the squared
     /// radius.
-    #[cfg_attr(feature = "schema", schemars(range(min = -1.0, max = 10.0)))]
+    #[schemars(range(min = -1.0, max = 10.0))]
     pub transmission: f64,
 }
 
 /// The open part of the pupil.
-#[derive(Debug, Clone, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Mask {
     /// All of it.
     #[default]
@@ -180,29 +179,25 @@ pub enum Mask {
     /// A ring.
     Annulus {
         /// Inner radius, in units of the pupil's radius.
-        #[cfg_attr(feature = "schema", schemars(extend("minimum" = 0, "exclusiveMaximum" = 1), example = 0.5))]
+        #[schemars(extend("minimum" = 0, "exclusiveMaximum" = 1), example = 0.5)]
         inner: f64,
     },
     /// Discs inside the pupil that do not overlap, as in a plate with pinholes.
-    Pinholes(
-        #[cfg_attr(feature = "schema", schemars(length(min = 1), example = vec![Pinhole { x: 0.0, y: 0.6, r: 0.2 }]))]
-         Vec<Pinhole>,
-    ),
+    Pinholes(#[schemars(length(min = 1), example = vec![Pinhole { x: 0.0, y: 0.6, r: 0.2 }])] Vec<Pinhole>),
 }
 
 /// An open disc, in units of the pupil's radius.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Pinhole {
     /// Center, to the right.
-    #[cfg_attr(feature = "schema", schemars(range(min = -1.0, max = 1.0)))]
+    #[schemars(range(min = -1.0, max = 1.0))]
     pub x: f64,
     /// Center, down.
-    #[cfg_attr(feature = "schema", schemars(range(min = -1.0, max = 1.0)))]
+    #[schemars(range(min = -1.0, max = 1.0))]
     pub y: f64,
     /// Radius.
-    #[cfg_attr(feature = "schema", schemars(extend("exclusiveMinimum" = 0, "maximum" = 1)))]
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1))]
     pub r: f64,
 }
 
@@ -215,36 +210,35 @@ impl Default for Pinhole {
 
 /// The layers between a particle and the objective, and those that the objective was designed for (Gibson and
 /// Lanni 1991). Depths are physical: `depth_factor` is 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Layers {
     /// Refractive index of the medium around the particles.
-    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
+    #[schemars(range(min = 1.0, max = 4.0))]
     pub n_s: f64,
     /// Refractive index of the cover slip.
-    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
+    #[schemars(range(min = 1.0, max = 4.0))]
     pub n_g: f64,
     /// Thickness of the cover slip.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
+    #[schemars(range(min = 0.0, max = 1e6))]
     pub t_g_um: f64,
     /// Refractive index of the cover slip that the objective was designed for.
-    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
+    #[schemars(range(min = 1.0, max = 4.0))]
     pub n_g_design: f64,
     /// Thickness of the cover slip that the objective was designed for; 0: none.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
+    #[schemars(range(min = 0.0, max = 1e6))]
     pub t_g_design_um: f64,
     /// Refractive index of the immersion; 1: a dry objective.
-    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
+    #[schemars(range(min = 1.0, max = 4.0))]
     pub n_i: f64,
     /// Refractive index of the immersion that the objective was designed for.
-    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
+    #[schemars(range(min = 1.0, max = 4.0))]
     pub n_i_design: f64,
     /// Working distance of the objective.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
+    #[schemars(range(min = 0.0, max = 1e6))]
     pub t_i_design_um: f64,
     /// Depth of the plane z = 0, which is in paraxial focus, below the inner face of the cover slip.
-    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
+    #[schemars(range(min = 0.0, max = 1e6))]
     pub focus_depth_um: f64,
 }
 
@@ -305,10 +299,8 @@ const LAST_ZERNIKE: u32 = 66;
 const MAX_WAVES: f64 = 5.0;
 
 impl WaveOptics {
-    /// Checks all values; messages have the keys of a scenario.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] with all values out of range.
+    /// Checks all values; messages have the keys of a scenario. Errors: [`Error::Malformed`] with all values
+    /// out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
         let mut faults = Faults::default();
         self.light(&mut faults);
