@@ -141,19 +141,13 @@ impl Settings {
         on(x_px, self.pixel_dim_x) && on(y_px, self.pixel_dim_y)
     }
 
-    /// Checks all values.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] with every value out of range.
+    /// Checks all values. Errors: [`Error::Malformed`] with every value out of range.
     pub fn validate(&self) -> Result<(), Error> {
         self.validate_immersed(1.0)
     }
 
     /// Checks all values; the numerical aperture must be less than the refractive index `n_i` of the
-    /// immersion.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] with every value out of range.
+    /// immersion. Errors: [`Error::Malformed`] with every value out of range.
     pub fn validate_immersed(&self, n_i: f64) -> Result<(), Error> {
         let faults = check(self.values(), n_i, |_| ("settings".to_owned(), None));
         if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }

@@ -81,11 +81,8 @@ pub(super) struct Origin {
 }
 
 /// Reads the stacks of a dataset at all places of the field of view, sorted by depth, without duplicate
-/// depths.
-///
-/// # Errors
-/// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
-/// dataset's folder, or a particle closer than 4 px to the edge of its image.
+/// depths. Errors: a stack that is missing or too large, has fewer than five depths, non-finite depths,
+/// images outside the dataset's folder, or a particle closer than 4 px to the edge of its image.
 pub(super) fn read_field(dataset: &DatasetPlace) -> Result<Vec<PlaceStacks>> {
     let (size, stacks) = table(dataset)?;
     let has_places = stacks.iter().any(|rows| rows[0].place != stacks[0][0].place);
@@ -133,11 +130,9 @@ fn central(dataset: &DatasetPlace) -> Result<Stacks> {
     Ok((size, stacks))
 }
 
-/// What a method makes of the stack of each size (the smallest first), without sizes that it cannot use, such as
-/// particles fainter than the noise; and a warning for each of these.
-///
-/// # Errors
-/// That of the first size if none can be used.
+/// What a method makes of the stack of each size (the smallest first), without sizes that it cannot use, such
+/// as particles fainter than the noise; and a warning for each of these. Errors: that of the first size if
+/// none can be used.
 pub(super) fn usable_sizes<T>(sizes: impl Iterator<Item = Result<T>>) -> Result<(Vec<T>, Vec<String>)> {
     let (mut usable, mut unusable) = (Vec::new(), Vec::new());
     for (k, size) in sizes.enumerate() {
@@ -154,11 +149,9 @@ pub(super) fn usable_sizes<T>(sizes: impl Iterator<Item = Result<T>>) -> Result<
     Ok((usable, unusable.into_iter().map(left_out).collect()))
 }
 
-/// Reads and checks the calibration stacks of a dataset; returns their number of images.
-///
-/// # Errors
-/// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
-/// dataset's folder, or a particle closer than 4 px to the edge of its image.
+/// Reads and checks the calibration stacks of a dataset; returns their number of images. Errors: a stack that
+/// is missing or too large, has fewer than five depths, non-finite depths, images outside the dataset's
+/// folder, or a particle closer than 4 px to the edge of its image.
 pub fn check(dataset: &Path) -> Result<usize> {
     Ok(read_field(&dataset.into())?.iter().flat_map(|place| &place.sizes).map(Vec::len).sum())
 }
@@ -178,10 +171,8 @@ pub(super) fn origins(dataset: &DatasetPlace) -> Result<Vec<Origin>> {
     stacks.iter().map(|rows| origin(dataset, rows)).collect()
 }
 
-/// Depth of the calibration stacks at which the depth in data files is 0, um.
-///
-/// # Errors
-/// A dataset whose stacks have no model of the optics.
+/// Depth of the calibration stacks at which the depth in data files is 0, um. Errors: a dataset whose stacks
+/// have no model of the optics.
 pub fn zero_um(dataset: &DatasetPlace) -> Result<f64> {
     Ok(origins(dataset)?.first().map_or(0.0, |origin| origin.zero_um))
 }

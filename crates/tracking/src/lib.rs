@@ -296,10 +296,8 @@ impl ParticleShape {
     }
 }
 
-/// Tracks a dataset by one of the [`METHODS`] and writes the result.
-///
-/// # Errors
-/// An unknown method; a dataset that lacks data for the method; an existing result; an I/O error.
+/// Tracks a dataset by one of the [`METHODS`] and writes the result. Errors: an unknown method; a dataset
+/// that lacks data for the method; an existing result; an I/O error.
 pub fn track(dataset: &Path, out: impl Into<OutputFile>, options: &TrackOptions) -> Result<Tracked> {
     let out = out.into();
     let start = Instant::now();

@@ -91,10 +91,7 @@ impl Sample {
 impl SampleStream {
     /// Checks that there is free memory for this number of batches of `n` samples; `what` names their
     /// arguments in the message. A batch that is being assembled counts twice: its samples are collected
-    /// first.
-    ///
-    /// # Errors
-    /// [`Error::Input`] with required and free bytes.
+    /// first. Errors: [`Error::Input`] with required and free bytes.
     pub fn check_memory(&self, what: &str, n: u64, batches: u64) -> Result<()> {
         let batch = self.sample_bytes.saturating_mul(n).saturating_add(size_of::<Batch>() as u64);
         let (needed, free) = (batch.saturating_mul(batches), free_memory().unwrap_or(isize::MAX as u64));
@@ -108,10 +105,7 @@ impl SampleStream {
     }
 
     /// Computes the `n` samples from index `first` on, in parallel; `go_on` is called before each and can
-    /// stop the work with an error.
-    ///
-    /// # Errors
-    /// As for [`SampleStream::sample`]; errors of `go_on`.
+    /// stop the work with an error. Errors: as for [`SampleStream::sample`]; errors of `go_on`.
     pub fn batch(&self, first: u64, n: usize, go_on: impl Fn() -> Result<()> + Sync) -> Result<Batch> {
         let samples: Result<Vec<Sample>> = (0..n as u64)
             .into_par_iter()

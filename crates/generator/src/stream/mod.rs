@@ -79,10 +79,8 @@ pub struct SampleStream {
 }
 
 impl SampleStream {
-    /// Creates a stream; checks the scenario at both ends of every varied range.
-    ///
-    /// # Errors
-    /// An invalid scenario; a value that is not allowed; labels that the scenario does not have.
+    /// Creates a stream; checks the scenario at both ends of every varied range. Errors: an invalid scenario;
+    /// a value that is not allowed; labels that the scenario does not have.
     pub fn new(options: StreamOptions) -> Result<Self> {
         if options.frames == 0 {
             return Err(Error::input("frames = 0: expected at least 1"));
@@ -242,10 +240,7 @@ impl SampleStream {
         Problem { place, ..problem }
     }
 
-    /// Computes a sample.
-    ///
-    /// # Errors
-    /// An invalid combination of values; a trajectory that cannot be integrated.
+    /// Computes a sample. Errors: an invalid combination of values; a trajectory that cannot be integrated.
     pub fn sample(&self, index: u64) -> Result<Sample> {
         let values = self.values(index);
         let place = (index, self.seed_of(index));

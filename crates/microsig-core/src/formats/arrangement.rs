@@ -96,10 +96,8 @@ pub fn unit_um(unit: &str) -> Option<f64> {
 
 impl Arrangement {
     /// Reads the description of the first page of a file with `n` pages; `file` is its name without folders.
-    /// `None` if it says nothing of the kind.
-    ///
-    /// # Errors
-    /// A statement that does not fit the pages, or that needs other files.
+    /// `None` if it says nothing of the kind. Errors: a statement that does not fit the pages, or that needs
+    /// other files.
     pub fn read(text: &str, file: &str, n: usize) -> Result<Option<Self>, String> {
         let text = text.trim_start_matches('\u{feff}').trim_start();
         if text.starts_with('<') {
@@ -121,10 +119,7 @@ impl Arrangement {
         }
     }
 
-    /// The step between slices, um.
-    ///
-    /// # Errors
-    /// No number, zero, or a unit that is no length.
+    /// The step between slices, um. Errors: no number, zero, or a unit that is no length.
     pub fn step_um(&self) -> Result<Option<f64>, String> {
         let Some(step) = &self.step else { return Ok(None) };
         match step.um()? {
@@ -133,10 +128,7 @@ impl Arrangement {
         }
     }
 
-    /// The position of a page on the axis.
-    ///
-    /// # Errors
-    /// No number, or a unit that is no length.
+    /// The position of a page on the axis. Errors: no number, or a unit that is no length.
     pub fn position(&self, page: usize) -> Result<Option<AxisPosition>, String> {
         let Some(position) = self.positions.get(page).and_then(Option::as_ref) else { return Ok(None) };
         let has_unit = position.unit.is_some();

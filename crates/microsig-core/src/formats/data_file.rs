@@ -83,12 +83,10 @@ impl Separator {
     }
 }
 
-/// Reads the particles of one image; `name` is the name of the file in messages.
-///
-/// # Errors
-/// [`Error::Malformed`] with file, line and column for rows of different lengths, 1-3, 6 or more than 8
-/// columns, non-numeric or non-finite values, d_p <= 0, e_p <= 0, c_int < 0, decimal commas, text that is not
-/// UTF-8 and lines that end in CR alone; [`Error::Io`] if reading fails.
+/// Reads the particles of one image; `name` is the name of the file in messages. Errors: [`Error::Malformed`]
+/// with file, line and column for rows of different lengths, 1-3, 6 or more than 8 columns, non-numeric or
+/// non-finite values, d_p <= 0, e_p <= 0, c_int < 0, decimal commas, text that is not UTF-8 and lines that
+/// end in CR alone; [`Error::Io`] if reading fails.
 pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
     let mut reader = BufReader::new(reader);
     let (mut particles, mut faults) = (Vec::new(), Vec::new());

@@ -138,10 +138,7 @@ impl<R: Read + Seek> GrayImages<R> {
         self.photometric == Some(BLACK_IS_ZERO) && matches!(numbers, Ok(Numbers::Unsigned(8 | 16)))
     }
 
-    /// The type of the numbers.
-    ///
-    /// # Errors
-    /// What the image holds instead of gray numbers.
+    /// The type of the numbers. Errors: what the image holds instead of gray numbers.
     pub(super) fn numbers(&mut self) -> Result<Numbers, String> {
         let failed = |e: TiffError| told(&e);
         let bits = match self.decoder.colortype().map_err(failed)? {

@@ -16,11 +16,9 @@ pub struct Refused {
     pub expected: String,
 }
 
-/// Reads an array of floats of the shape (height, width), row by row; `size` is (width, height) and `name` the
-/// name of the input in errors.
-///
-/// # Errors
-/// [`Error::Malformed`] if the input is not such an array, or a number is not finite.
+/// Reads an array of floats of the shape (height, width), row by row; `size` is (width, height) and `name`
+/// the name of the input in errors. Errors: [`Error::Malformed`] if the input is not such an array, or a
+/// number is not finite.
 pub fn read(mut source: impl Read, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
     let (width, height) = (size.0 as usize, size.1 as usize);
     let malformed = |Refused { found, expected }| {
@@ -98,10 +96,8 @@ impl Header {
         })
     }
 
-    /// Reads the numbers (f4 or f8) that follow, in their order.
-    ///
-    /// # Errors
-    /// Numbers of another type; more or fewer than `n` of them.
+    /// Reads the numbers (f4 or f8) that follow, in their order. Errors: numbers of another type; more or
+    /// fewer than `n` of them.
     pub fn numbers(&self, source: impl Read, n: usize) -> Result<Vec<f64>, Refused> {
         let size = match &*self.descr {
             "<f8" | ">f8" => 8,

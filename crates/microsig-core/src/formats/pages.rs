@@ -37,10 +37,8 @@ pub struct PageSize {
 }
 
 impl<R: Read + Seek> Pages<R> {
-    /// Opens a file at its first page; `name` is its name in errors.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if it is no TIFF file, or of a kind whose pages cannot be told.
+    /// Opens a file at its first page; `name` is its name in errors. Errors: [`Error::Malformed`] if it is no
+    /// TIFF file, or of a kind whose pages cannot be told.
     pub fn open(reader: R, name: &str) -> Result<Self, Error> {
         let damaged = |e| malformed(name, told(&e));
         let mut images = GrayImages::open(reader).map_err(damaged)?;
@@ -79,10 +77,8 @@ impl<R: Read + Seek> Pages<R> {
         malformed(&self.name, format!("page {}: {message}", self.page))
     }
 
-    /// Size and pixel type of the current page.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if it holds no gray counts of 8 to 16 bit.
+    /// Size and pixel type of the current page. Errors: [`Error::Malformed`] if it holds no gray counts of 8
+    /// to 16 bit.
     pub fn size(&mut self) -> Result<PageSize, Error> {
         let (width, height) = self.images.size().map_err(|e| self.refuse(&told(&e)))?;
         let found = match self.images.numbers() {
@@ -103,10 +99,8 @@ impl<R: Read + Seek> Pages<R> {
         self.raw.is_none() && self.images.is_plain()
     }
 
-    /// The counts of the current page, row by row; `expected` is its size.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if it has another size or cannot be read.
+    /// The counts of the current page, row by row; `expected` is its size. Errors: [`Error::Malformed`] if it
+    /// has another size or cannot be read.
     pub fn counts(&mut self, expected: PageSize) -> Result<Vec<u16>, Error> {
         let size = self.size()?;
         // Before memory is allocated for the pixels.
@@ -144,9 +138,7 @@ impl<R: Read + Seek> Pages<R> {
         self.description.as_deref()
     }
 
-    /// How the file says that its pages are arranged, if it does; `n` is their number.
-    ///
-    /// # Errors
+    /// How the file says that its pages are arranged, if it does; `n` is their number. Errors:
     /// [`Error::Malformed`] if it says what does not fit its pages.
     pub fn arrangement(&self, n: usize) -> Result<Option<Arrangement>, Error> {
         let Some(text) = &self.description else { return Ok(None) };

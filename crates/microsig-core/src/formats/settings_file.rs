@@ -27,13 +27,10 @@ const MAX_BYTES: u64 = 1_000_000;
 /// Number of unreadable lines that are listed.
 const MAX_UNREADABLE: usize = 3;
 
-/// Reads a settings file; `name` is the name of the file in messages.
-///
-/// # Errors
-/// [`Error::Malformed`] with every line that is not `key = value`, every missing or duplicate key, and every
-/// value that is not a number or out of range; text that is not UTF-8 or longer than 1 MB, and lines that end
-/// in CR alone;
-/// [`Error::Io`] if reading fails.
+/// Reads a settings file; `name` is the name of the file in messages. Errors: [`Error::Malformed`] with every
+/// line that is not `key = value`, every missing or duplicate key, and every value that is not a number or
+/// out of range; text that is not UTF-8 or longer than 1 MB, and lines that end in CR alone; [`Error::Io`] if
+/// reading fails.
 pub fn read(reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
     read_immersed(reader, name, 1.0)
 }

@@ -82,10 +82,8 @@ const PLAIN: u64 = u32::MAX as u64 - (64 << 20);
 
 impl Stack {
     /// Writes a stack; `page` gives its images, which have the size and type of the first. `name` is the name
-    /// of the output in errors.
-    ///
-    /// # Errors
-    /// Those of `page`; images of different sizes or types; more than 4 GB for ImageJ; writing.
+    /// of the output in errors. Errors: those of `page`; images of different sizes or types; more than 4 GB
+    /// for ImageJ; writing.
     pub fn write<E: From<Error>>(
         &self,
         writer: impl Write + Seek,

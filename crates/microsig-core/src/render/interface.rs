@@ -141,9 +141,7 @@ pub trait Tables {
     /// Number, memory and accuracy of the tables made so far.
     fn state(&self) -> TablesState;
 
-    /// How far the images drawn so far miss the requested accuracy; `None` if they meet it.
-    ///
-    /// # Errors
+    /// How far the images drawn so far miss the requested accuracy; `None` if they meet it. Errors:
     /// [`Error::Unsupported`] if they err by more than ten tolerances.
     fn shortfall(&self) -> Result<Option<String>, Error>;
 }

@@ -98,11 +98,9 @@ impl RendererSpec {
         self.blur_um
     }
 
-    /// The renderer for these settings; `context` is what it works with.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] if the renderer
-    /// cannot draw with these settings.
+    /// The renderer for these settings; `context` is what it works with. Errors: [`Error::Malformed`] if a
+    /// setting or option is out of range, [`Error::Unsupported`] if the renderer cannot draw with these
+    /// settings.
     pub fn build(self, settings: &Settings, context: &Context) -> Result<Renderer, Error> {
         let RendererSpec { method, blur_um, field, is_single } = self;
         field.validate(settings)?;

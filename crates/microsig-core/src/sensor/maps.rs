@@ -45,9 +45,7 @@ impl PixelQuantity {
         }
     }
 
-    /// Checks the values of a map of this width (px); `name` is its name in errors.
-    ///
-    /// # Errors
+    /// Checks the values of a map of this width (px); `name` is its name in errors. Errors:
     /// [`Error::Malformed`] with the first value out of range.
     pub fn check(self, map: &[f64], width: u32, name: &str) -> Result<(), Error> {
         let (allowed, fits) = self.allowed();

@@ -93,9 +93,7 @@ pub struct Rays {
 }
 
 impl ExpectedRenderer {
-    /// A renderer for these settings, with this tolerance (see [`DEFAULT_TOLERANCE`]).
-    ///
-    /// # Errors
+    /// A renderer for these settings, with this tolerance (see [`DEFAULT_TOLERANCE`]). Errors:
     /// [`Error::Malformed`] if a setting is out of range, [`Error::Unsupported`] for a tolerance outside
     /// [`TOLERANCES`].
     pub fn new(settings: &Settings, law: SpheroidLaw, tolerance: f64) -> Result<Self, Error> {

@@ -100,11 +100,9 @@ pub struct Waves {
 
 impl WavesRenderer {
     /// A renderer for these settings. `tolerance`: the largest error of an image due to tables, as a fraction
-    /// of its peak.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] for settings that
-    /// this renderer does not support and for a tolerance outside [`super::expected::TOLERANCES`].
+    /// of its peak. Errors: [`Error::Malformed`] if a setting or option is out of range,
+    /// [`Error::Unsupported`] for settings that this renderer does not support and for a tolerance outside
+    /// [`super::expected::TOLERANCES`].
     pub fn new(settings: &Settings, optics: &WaveOptics, tolerance: f64) -> Result<Self, Error> {
         Self::on(InstructionSet::best(), settings, optics, tolerance)
     }
