@@ -7,59 +7,85 @@
 use crate::error::{ParameterCheck, Result};
 use crate::wall::{ParabolicCap, Wall};
 use glam::{DVec2, DVec3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 const CHECK: ParameterCheck = ParameterCheck("body");
 
-/// A solid body or a drain.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Body {
-    shape: Shape,
-    drain: bool,
-}
+/// Largest length, um.
+const LARGEST_UM: f64 = 1e6;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Shape {
+/// A solid body that particles cannot enter.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "Obstacle")]
+pub enum Body {
+    /// A sphere.
     Sphere {
-        center: DVec3,
-        radius: f64,
+        /// Center (x, y, z).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
+        center_um: (f64, f64, f64),
+        /// Radius.
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
+        radius_um: f64,
     },
+    /// A cylinder along z.
     Cylinder {
-        center: DVec2,
-        radius: f64,
+        /// Axis (x, y).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0))]
+        center_um: (f64, f64),
+        /// Radius.
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
+        radius_um: f64,
     },
-    /// The space outside a parabolic cap on a floor.
-    OutsideCap(ParabolicCap),
+    // It keeps seeds inside the drop but moves no particles: the free surface may move, and is handled by the field
+    // (`VelocityField::confine`).
+    /// The space outside a sessile drop in the shape of a parabolic cap.
+    OutsideDrop {
+        /// Center of the drop's base (x, y, z).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -80))]
+        center_um: (f64, f64, f64),
+        /// Radius of the drop's base.
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 200.0)]
+        radius_um: f64,
+        /// Height of the drop.
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 60.0)]
+        height_um: f64,
+    },
+    /// A sphere that removes the particles that enter it.
+    Drain {
+        /// Center (x, y, z).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
+        center_um: (f64, f64, f64),
+        /// Radius.
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
+        radius_um: f64,
+    },
 }
 
 impl Body {
-    /// A solid sphere; center and radius (> 0) in um.
-    pub fn sphere(center: DVec3, radius: f64) -> Result<Self> {
+    /// The same body, or `Err` if its center is not finite or a length is not > 0.
+    pub fn checked(self) -> Result<Self> {
+        let (center, lengths) = match self {
+            Body::Sphere { center_um, radius_um } | Body::Drain { center_um, radius_um } => {
+                (DVec3::from(center_um), [("radius_um", radius_um), ("radius_um", radius_um)])
+            }
+            Body::Cylinder { center_um, radius_um } => {
+                (DVec2::from(center_um).extend(0.0), [("radius_um", radius_um), ("radius_um", radius_um)])
+            }
+            Body::OutsideDrop { center_um, radius_um, height_um } => {
+                (center_um.into(), [("radius_um", radius_um), ("height_um", height_um)])
+            }
+        };
         CHECK.finite_vector("center_um", center)?;
-        CHECK.positive("radius_um", radius)?;
-        Ok(Body { shape: Shape::Sphere { center, radius }, drain: false })
+        for (name, length) in lengths {
+            CHECK.positive(name, length)?;
+        }
+        Ok(self)
     }
 
-    /// A solid cylinder along z; center and radius (> 0) in um.
-    pub fn cylinder(center: DVec2, radius: f64) -> Result<Self> {
-        CHECK.finite_vector("center_um", center.extend(0.0))?;
-        CHECK.positive("radius_um", radius)?;
-        Ok(Body { shape: Shape::Cylinder { center, radius }, drain: false })
-    }
-
-    /// The space outside a sessile drop: a parabolic cap of positive `height` (um) over a circle of positive
-    /// `radius` (um) about `center` (um) on the floor. It keeps seeds inside the drop but moves no particles: the free
-    /// surface may move, and is handled by the field ([`crate::VelocityField::confine`]).
-    pub fn outside_drop(center: DVec3, radius: f64, height: f64) -> Result<Self> {
-        CHECK.finite_vector("center_um", center)?;
-        CHECK.positive("radius_um", radius)?;
-        CHECK.positive("height_um", height)?;
-        let cap = ParabolicCap { center, radius, height };
-        Ok(Body { shape: Shape::OutsideCap(cap), drain: false })
-    }
-
-    /// The same body as a drain, which removes tracers whose center enters it.
-    pub fn draining(self) -> Self {
-        Body { drain: true, ..self }
+    fn is_drain(&self) -> bool {
+        matches!(self, Body::Drain { .. })
     }
 
     /// Whether a particle of `radius` (um) at `x` (um) overlaps the body; for a drain, whether its center is
@@ -78,43 +104,48 @@ impl Body {
     /// The surface of the body as a wall seen from `x` (um); `None` for a drain, which is none, and for the
     /// space outside a drop, whose surface belongs to the field.
     pub(crate) fn obstacle(&self, x: DVec3) -> Option<Wall> {
-        let is_wall = !self.drain && !matches!(self.shape, Shape::OutsideCap(_));
-        is_wall.then(|| self.wall(x))
+        matches!(self, Body::Sphere { .. } | Body::Cylinder { .. }).then(|| self.wall(x))
     }
 
     /// The distance (um) at which the body keeps particle centers: the radius, or 0 for a drain.
     fn margin(&self, radius: f64) -> f64 {
-        if self.drain { 0.0 } else { radius }
+        if self.is_drain() { 0.0 } else { radius }
     }
 
     fn wall(&self, x: DVec3) -> Wall {
-        match self.shape {
-            Shape::Sphere { center, radius } => Wall::outside(x - center, radius),
-            Shape::Cylinder { center, radius } => Wall::outside((x.truncate() - center).extend(0.0), radius),
-            Shape::OutsideCap(cap) => cap.wall(x, cap.height),
+        match *self {
+            Body::Sphere { center_um, radius_um } | Body::Drain { center_um, radius_um } => {
+                Wall::outside(x - DVec3::from(center_um), radius_um)
+            }
+            Body::Cylinder { center_um, radius_um } => {
+                Wall::outside((x.truncate() - DVec2::from(center_um)).extend(0.0), radius_um)
+            }
+            Body::OutsideDrop { center_um, radius_um: radius, height_um: height } => {
+                ParabolicCap { center: center_um.into(), radius, height }.wall(x, height)
+            }
         }
     }
 
     /// Whether the body is a drain and contains `x` (um).
     pub(crate) fn drains(&self, x: DVec3) -> bool {
-        self.drain && self.touches(x, 0.0)
+        self.is_drain() && self.touches(x, 0.0)
     }
 
     /// The position (um) nearest to `x` (um) that is at least `margin` (um) from the body; `x` itself for a
     /// drain.
     pub(crate) fn push_out(&self, x: DVec3, margin: f64) -> DVec3 {
-        if self.drain || !self.touches(x, margin) {
-            return x;
-        }
-        match self.shape {
-            Shape::Sphere { center, radius } => {
-                center + (x - center).normalize_or(DVec3::X) * (radius + margin)
+        match *self {
+            _ if !self.touches(x, margin) => x,
+            Body::Sphere { center_um, radius_um } => {
+                let center = DVec3::from(center_um);
+                center + (x - center).normalize_or(DVec3::X) * (radius_um + margin)
             }
-            Shape::Cylinder { center, radius } => {
+            Body::Cylinder { center_um, radius_um } => {
+                let center = DVec2::from(center_um);
                 let arm = (x.truncate() - center).normalize_or(DVec2::X);
-                (center + arm * (radius + margin)).extend(x.z)
+                (center + arm * (radius_um + margin)).extend(x.z)
             }
-            Shape::OutsideCap(_) => x,
+            Body::OutsideDrop { .. } | Body::Drain { .. } => x,
         }
     }
 }
@@ -125,22 +156,23 @@ mod tests {
 
     #[test]
     fn particles_are_put_beside_bodies() {
-        let sphere = Body::sphere(DVec3::X * 10.0, 5.0).unwrap();
+        let sphere = Body::Sphere { center_um: (10.0, 0.0, 0.0), radius_um: 5.0 };
         assert!(sphere.touches(DVec3::X * 3.5, 2.0) && !sphere.touches(DVec3::X * 2.5, 2.0));
         assert_eq!(sphere.push_out(DVec3::X * 4.0, 2.0), DVec3::X * 3.0);
-        let pillar = Body::cylinder(DVec2::ZERO, 5.0).unwrap();
+        let pillar = Body::Cylinder { center_um: (0.0, 0.0), radius_um: 5.0 };
         assert_eq!(pillar.push_out(DVec3::new(0.0, 1.0, 7.0), 1.0), DVec3::new(0.0, 6.0, 7.0));
-        let drain = pillar.draining();
-        assert!(
-            drain.drains(DVec3::Y * 4.0)
-                && !drain.drains(DVec3::Y * 5.5)
-                && !drain.touches(DVec3::Y * 5.5, 1.0)
-        );
+        let drain = Body::Drain { center_um: (0.0, 0.0, 0.0), radius_um: 5.0 };
+        assert!(drain.drains(DVec3::Y * 4.0) && !drain.drains(DVec3::Y * 5.5));
+        assert!(!drain.touches(DVec3::Y * 5.5, 1.0));
         assert_eq!(drain.push_out(DVec3::Y, 1.0), DVec3::Y);
-        let drop = Body::outside_drop(DVec3::Z * -80.0, 200.0, 60.0).unwrap();
+        let drop = Body::OutsideDrop { center_um: (0.0, 0.0, -80.0), radius_um: 200.0, height_um: 60.0 };
         assert!(!drop.touches(DVec3::Z * -50.0, 1.0) && drop.touches(DVec3::Z * -20.5, 1.0));
         assert!(drop.touches(DVec3::new(199.0, 0.0, -79.0), 0.0));
-        let message = Body::sphere(DVec3::ZERO, -5.0).unwrap_err().to_string();
-        assert_eq!(message, "body: radius_um = -5: expected a finite number > 0");
+        let message = |body: Body| body.checked().unwrap_err().to_string();
+        let negative = Body::Sphere { center_um: (0.0, 0.0, 0.0), radius_um: -5.0 };
+        assert_eq!(message(negative), "body: radius_um = -5: expected a finite number > 0");
+        let flat = Body::OutsideDrop { center_um: (0.0, 0.0, 0.0), radius_um: 1.0, height_um: 0.0 };
+        assert!(message(flat).contains("height_um = 0"));
+        assert!(Body::Cylinder { center_um: (0.0, f64::NAN), radius_um: 1.0 }.checked().is_err());
     }
 }

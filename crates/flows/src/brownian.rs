@@ -14,55 +14,73 @@
 //! A sphere settles at drho g d^2 / (18 mu) (Stokes). The friction of a spheroid differs along and across its
 //! axis, so that it also drifts sideways when it settles.
 
-use crate::{Liquid, ParameterCheck, Result, SpheroidFriction};
+use crate::{ParameterCheck, Result, SpheroidFriction};
 use glam::DVec3;
 use microsig_core::random::normal;
 use microsig_core::stream::Stream;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 const BROWNIAN: ParameterCheck = ParameterCheck("brownian");
 const SETTLING: ParameterCheck = ParameterCheck("settling");
 
+/// Boltzmann's constant, J/K, times 1e18: with lengths in um it gives um^2/s and 1/s.
+const BOLTZMANN: f64 = 1.380_649e-23 * 1e18;
 /// Standard gravity, m/s^2.
 const GRAVITY: f64 = 9.806_65;
 /// Maximum number of Brownian steps per frame interval.
 const MAX_SUBSTEPS: u32 = 10_000;
 
-/// Brownian motion in a liquid.
-#[derive(Debug, Clone, Copy, PartialEq)]
+// Two time steps are enough unless shear rate times frame interval exceeds 0.1.
+/// Brownian motion in a liquid; the defaults are for water at 25 degrees Celsius.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Brownian {
-    /// kB T / mu, um^3/s.
-    kt_over_viscosity: f64,
-    substeps: u32,
+    /// Temperature of the liquid.
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e4))]
+    pub temperature_k: f64,
+    /// Dynamic viscosity of the liquid.
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
+    pub viscosity_pa_s: f64,
+    /// Number of time steps between consecutive frames.
+    #[schemars(range(min = 1, max = MAX_SUBSTEPS))]
+    pub substeps: u32,
+}
+
+impl Default for Brownian {
+    fn default() -> Self {
+        Brownian { temperature_k: 298.15, viscosity_pa_s: 0.89e-3, substeps: 2 }
+    }
 }
 
 impl Brownian {
-    /// Brownian motion with `substeps` steps per frame interval (1 to 10000; 2 are sufficient unless shear
-    /// rate times frame interval exceeds 0.1).
-    pub fn new(liquid: &Liquid, substeps: u32) -> Result<Self> {
-        let kt_over_viscosity = liquid.checked()?.kt_over_viscosity();
-        BROWNIAN.positive("temperature_k over viscosity_pa_s", kt_over_viscosity)?;
-        if !(1..=MAX_SUBSTEPS).contains(&substeps) {
-            return Err(BROWNIAN.fault("substeps", substeps, "1 to 10000"));
+    /// The same motion, or `Err` if a value is out of range.
+    pub fn checked(self) -> Result<Self> {
+        BROWNIAN.positive("temperature_k", self.temperature_k)?;
+        BROWNIAN.positive("viscosity_pa_s", self.viscosity_pa_s)?;
+        BROWNIAN.positive("temperature_k over viscosity_pa_s", self.kt_over_viscosity())?;
+        if !(1..=MAX_SUBSTEPS).contains(&self.substeps) {
+            return Err(BROWNIAN.fault("substeps", self.substeps, "1 to 10000"));
         }
-        Ok(Brownian { kt_over_viscosity, substeps })
+        Ok(self)
     }
 
-    /// Number of Brownian steps per frame interval.
-    pub fn substeps(&self) -> u32 {
-        self.substeps
+    /// kB T / mu, um^3/s.
+    fn kt_over_viscosity(&self) -> f64 {
+        BOLTZMANN * self.temperature_k / self.viscosity_pa_s
     }
 
     /// Translational diffusion coefficient of a sphere of diameter `d_um` (um), um^2/s. For a spheroid of
     /// that equatorial diameter, divide by `along` or `across` of [`SpheroidFriction`].
     pub fn diffusion(&self, d_um: f64) -> f64 {
-        self.kt_over_viscosity / (3.0 * PI * d_um)
+        self.kt_over_viscosity() / (3.0 * PI * d_um)
     }
 
     /// Rotational diffusion coefficient of a sphere of diameter `d_um` (um), rad^2/s. For a spheroid of that
     /// equatorial diameter, divide by `tumbling` of [`SpheroidFriction`].
     pub fn rotational_diffusion(&self, d_um: f64) -> f64 {
-        self.kt_over_viscosity / (PI * d_um * d_um * d_um)
+        self.kt_over_viscosity() / (PI * d_um * d_um * d_um)
     }
 
     /// Variance (um^2) of the displacement along the unit vector `n` over a time `h` (s) of a particle with
@@ -119,30 +137,48 @@ impl Brownian {
     }
 }
 
-/// Settling or rising of particles that are denser or lighter than the liquid.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Sedimentation in a liquid; the defaults are for polystyrene in water on an inverted microscope (the lens
+/// is on the side of negative z).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Settling {
-    /// Settling velocity of a sphere 1 um in diameter, um/s.
-    unit: DVec3,
+    /// Density of the particles minus the liquid's.
+    #[schemars(range(min = -1e5, max = 1e5))]
+    pub density_difference_kg_m3: f64,
+    /// Dynamic viscosity of the liquid.
+    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
+    pub viscosity_pa_s: f64,
+    /// Direction of gravity (x, y, z).
+    pub direction: (f64, f64, f64),
+}
+
+impl Default for Settling {
+    fn default() -> Self {
+        Settling { density_difference_kg_m3: 50.0, viscosity_pa_s: 0.89e-3, direction: (0.0, 0.0, -1.0) }
+    }
 }
 
 impl Settling {
-    /// Settling with a density difference (kg/m^3, particle minus liquid; 50 for polystyrene in water) and
-    /// gravity along `direction` (any non-zero length; (0, 0, -1) points toward the lens, as in an inverted
-    /// microscope).
-    pub fn new(density_difference_kg_m3: f64, liquid: &Liquid, direction: DVec3) -> Result<Self> {
-        SETTLING.finite("density_difference_kg_m3", density_difference_kg_m3)?;
-        let viscosity = liquid.checked()?.viscosity_pa_s;
-        let down = SETTLING.direction("direction", direction)?;
+    /// The same motion, or `Err` if a value is out of range; `direction` may have any length but zero.
+    pub fn checked(self) -> Result<Self> {
+        SETTLING.finite("density_difference_kg_m3", self.density_difference_kg_m3)?;
+        SETTLING.positive("viscosity_pa_s", self.viscosity_pa_s)?;
+        SETTLING.direction("direction", self.direction.into())?;
+        SETTLING.finite_vector("density_difference_kg_m3 over viscosity_pa_s", self.unit())?;
+        Ok(self)
+    }
+
+    /// Settling velocity of a sphere 1 um in diameter, um/s.
+    fn unit(&self) -> DVec3 {
         // d^2 in um^2 is 1e-12 m^2, and 1 m/s is 1e6 um/s.
-        let speed = density_difference_kg_m3 * GRAVITY / (18.0 * viscosity) * 1e-6;
-        Ok(Settling { unit: down * SETTLING.finite("density_difference_kg_m3 over viscosity_pa_s", speed)? })
+        let speed = self.density_difference_kg_m3 * GRAVITY / (18.0 * self.viscosity_pa_s) * 1e-6;
+        DVec3::from(self.direction).normalize() * speed
     }
 
     /// Settling velocity relative to the liquid (um/s) of a particle of equatorial diameter `d_um` (um) with
     /// symmetry axis `axis` (unit vector).
     pub fn velocity(&self, d_um: f64, friction: &SpheroidFriction, axis: DVec3) -> DVec3 {
-        let sphere = self.unit * (d_um * d_um);
+        let sphere = self.unit() * (d_um * d_um);
         if friction.is_sphere() {
             return sphere;
         }
@@ -152,7 +188,7 @@ impl Settling {
 
     /// The largest settling speed over all orientations of the axis, um/s.
     pub(crate) fn max_speed(&self, d_um: f64, friction: &SpheroidFriction) -> f64 {
-        self.unit.length() * (d_um * d_um) * friction.aspect / friction.along.min(friction.across)
+        self.unit().length() * (d_um * d_um) * friction.aspect / friction.along.min(friction.across)
     }
 }
 
@@ -162,7 +198,7 @@ mod tests {
     use microsig_core::stream::{Purpose, Streams};
 
     fn water() -> Brownian {
-        Brownian::new(&Liquid::default(), 2).unwrap()
+        Brownian::default()
     }
 
     #[test]
@@ -171,7 +207,7 @@ mod tests {
             assert!((water().diffusion(d) / translation - 1.0).abs() < 3e-4, "{}", water().diffusion(d));
             assert!((water().rotational_diffusion(d) / rotation - 1.0).abs() < 4e-3);
         }
-        let settling = Settling::new(50.0, &Liquid::default(), DVec3::NEG_Z).unwrap();
+        let settling = Settling::default();
         for (d, speed) in [(2.0, 0.1225), (1.0, 0.0306), (0.5, 0.00765)] {
             assert!(
                 (settling.velocity(d, &SpheroidFriction::SPHERE, DVec3::X).z / -speed - 1.0).abs() < 2e-3
@@ -212,7 +248,7 @@ mod tests {
             (along / 0.3494 - 1.0).abs() < 2e-3 && (across / 0.2841 - 1.0).abs() < 2e-3,
             "{along} {across}"
         );
-        let settling = Settling::new(50.0, &Liquid::default(), DVec3::NEG_Z).unwrap();
+        let settling = Settling::default();
         let sphere = settling.velocity(1.0, &SpheroidFriction::SPHERE, DVec3::X).z;
         // It weighs three times as much as the sphere: relative to it, a rod falls at 3 / 1.4045 end-on and
         // 3 / 1.7276 broadside.
@@ -230,9 +266,13 @@ mod tests {
 
     #[test]
     fn impossible_motions_are_refused() {
-        let water = Liquid::default();
-        assert!(Brownian::new(&Liquid { temperature_k: -1.0, ..water }, 2).is_err());
-        assert!(Brownian::new(&water, 0).unwrap_err().to_string().contains("substeps = 0"));
-        assert!(Settling::new(50.0, &water, DVec3::ZERO).is_err());
+        let message = Brownian { temperature_k: -1.0, ..water() }.checked().unwrap_err().to_string();
+        assert_eq!(message, "brownian: temperature_k = -1: expected a finite number > 0");
+        assert!(Brownian { viscosity_pa_s: 0.0, ..water() }.checked().is_err());
+        let none = Brownian { substeps: 0, ..water() }.checked();
+        assert!(none.unwrap_err().to_string().contains("substeps = 0"));
+        assert!(Settling { direction: (0.0, 0.0, 0.0), ..Settling::default() }.checked().is_err());
+        assert!(Settling { viscosity_pa_s: 0.0, ..Settling::default() }.checked().is_err());
+        assert!(Settling { density_difference_kg_m3: f64::MAX, ..Settling::default() }.checked().is_err());
     }
 }

@@ -16,7 +16,7 @@
 //! - A [`Domain`] is the box that holds the tracers, with open, solid and periodic faces; a [`Body`] is an
 //!   obstacle in it. The [`FluidRegion`] is the part of the box outside all bodies and walls of the field.
 //!   [`Seeding`] and [`Diameters`] fill it.
-//! - Tracers may diffuse ([`Brownian`]) and settle ([`Settling`]) in a [`Liquid`], be [`Spheroids`] that
+//! - Tracers may diffuse ([`Brownian`]) and settle ([`Settling`]), be [`Spheroids`] that
 //!   rotate ([`orientation`]) and whose friction differs along and across their axis ([`friction`]), and
 //!   differ in brightness ([`Intensities`]). Walls may slow them ([`hindered`]).
 //! - A [`Scene`] joins these parts; a recording of it is the tracer cloud at a series of times
@@ -74,12 +74,9 @@ pub mod frame;
 pub mod friction;
 pub mod hindered;
 mod hindered_brownian;
-pub mod step_estimate;
-
 pub mod illumination;
 pub mod integrate;
 pub mod intensities;
-pub mod liquid;
 mod near_walls;
 pub mod orientation;
 pub mod params;
@@ -92,6 +89,7 @@ pub mod seeding;
 pub mod sequence;
 pub mod sincos;
 pub mod special;
+pub mod step_estimate;
 pub mod tracks;
 pub mod velocity_grid;
 pub mod wall;
@@ -109,8 +107,7 @@ pub use frame::{Displacement, Frame, RecordingStart, Streak, StreakPoint, Tracer
 pub use friction::SpheroidFriction;
 pub use illumination::Illumination;
 pub use intensities::Intensities;
-pub use liquid::Liquid;
-pub use orientation::{Orientations, Spheroids};
+pub use orientation::{Orientation, Spheroids};
 pub use region::{Axis, Region};
 pub use scene::Scene;
 pub use seeding::Seeding;

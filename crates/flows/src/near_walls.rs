@@ -104,7 +104,6 @@ mod tests {
     use crate::fields::{Linear, Poiseuille, Tube, TubeParams};
     use crate::hindered::{resistance_across, resistance_along};
     use crate::{Body, Boundary, Domain, Region};
-    use glam::DVec2;
 
     fn domain(faces: [Boundary; 3]) -> Domain {
         let region = Region::new(DVec3::new(-50.0, -50.0, 0.0), DVec3::new(50.0, 50.0, 20.0)).unwrap();
@@ -122,8 +121,8 @@ mod tests {
         let rest = Linear::uniform(DVec3::ZERO).unwrap();
         let poiseuille = |top| Poiseuille::new(100.0, 0.0, top, 0.0).unwrap();
         let pillar = [
-            Body::cylinder(DVec2::ZERO, 5.0).unwrap(),
-            Body::sphere(DVec3::X * 30.0, 1.0).unwrap().draining(),
+            Body::Cylinder { center_um: (0.0, 0.0), radius_um: 5.0 },
+            Body::Drain { center_um: (30.0, 0.0, 0.0), radius_um: 1.0 },
         ];
         let x = DVec3::new(10.0, 0.0, 15.0);
         assert_eq!(count(&rest, &[], x), 2);
@@ -153,7 +152,7 @@ mod tests {
         let across = resistance_across(3.0) + resistance_across(35.0) - 1.0;
         assert!(two.abs_diff_eq(DMat3::from_diagonal(DVec3::new(along, along, across)), 1e-12), "{two}");
         // A pillar is a plane normal to the arm.
-        let pillar = [Body::cylinder(DVec2::ZERO, 5.0).unwrap()];
+        let pillar = [Body::Cylinder { center_um: (0.0, 0.0), radius_um: 5.0 }];
         let arm = DVec3::new(3.0, 4.0, 0.0) / 5.0;
         let beside = at(&open, &pillar, arm * 6.0).unwrap();
         assert!((beside * arm - arm * resistance_across(1.0)).length() < 1e-12);

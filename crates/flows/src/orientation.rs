@@ -14,6 +14,8 @@ use crate::{Error, ParameterCheck, Result, VelocityField};
 use glam::{DMat3, DVec3};
 use microsig_core::random::normal;
 use microsig_core::stream::Stream;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 const CHECK: ParameterCheck = ParameterCheck("orientation");
@@ -84,49 +86,41 @@ fn turn<F: VelocityField + ?Sized>(field: &F, x: DVec3, shape: f64, t0: f64, t1:
     Ok(exponential((first + second) * (0.5 * h) + commutator * (0.5 * root * h * h)))
 }
 
-/// Distribution of the initial orientations of spheroids.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Orientations(Distribution);
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Distribution {
+/// Initial orientation of the symmetry axes of spheroids.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Orientation {
+    /// Uniformly distributed over all directions.
+    #[default]
     Random,
-    Aligned(DVec3),
-    VonMisesFisher(DVec3, f64),
+    /// All axes along one direction (x, y, z).
+    Aligned(#[schemars(example = (1, 0, 0))] (f64, f64, f64)),
+    /// Von Mises-Fisher distribution about a mean direction, density proportional to exp(kappa cos(a)) at the
+    /// angle a from it.
+    VonMisesFisher {
+        /// Mean direction (x, y, z).
+        #[schemars(example = (1, 0, 0))]
+        mean: (f64, f64, f64),
+        /// Concentration kappa.
+        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6), example = 10.0)]
+        kappa: f64,
+    },
 }
 
-impl Orientations {
-    /// Isotropic: all directions are equally likely.
-    pub fn random() -> Self {
-        Orientations(Distribution::Random)
-    }
-
-    /// All axes along one direction (any non-zero length).
-    pub fn aligned(direction: DVec3) -> Result<Self> {
-        Ok(Orientations(Distribution::Aligned(CHECK.direction("direction", direction)?)))
-    }
-
-    /// Von Mises-Fisher distribution about a mean direction, with density proportional to exp(kappa
-    /// cos(angle)), 0 < kappa <= 1e6 (Fisher, Proc. R. Soc. A 217 (1953) 295); the angle from the mean is
-    /// about 1 / sqrt(kappa) rad.
-    pub fn von_mises_fisher(mean: DVec3, kappa: f64) -> Result<Self> {
-        if !(kappa > 0.0 && kappa <= 1e6) {
-            return Err(CHECK.fault("kappa", kappa, "a number > 0, at most 1e6"));
-        }
-        Ok(Orientations(Distribution::VonMisesFisher(CHECK.direction("direction", mean)?, kappa)))
-    }
-
+impl Orientation {
     /// A random direction (unit vector).
     pub fn draw(&self, stream: &mut Stream) -> DVec3 {
-        match self.0 {
-            Distribution::Random => loop {
+        match *self {
+            Orientation::Random => loop {
                 let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
                 if let Some(direction) = xi.try_normalize() {
                     break direction;
                 }
             },
-            Distribution::Aligned(direction) => direction,
-            Distribution::VonMisesFisher(mean, kappa) => {
+            Orientation::Aligned(direction) => DVec3::from(direction).normalize(),
+            // Fisher, Proc. R. Soc. A 217 (1953) 295; the angle from the mean is about 1 / sqrt(kappa) rad.
+            Orientation::VonMisesFisher { mean, kappa } => {
+                let mean = DVec3::from(mean).normalize();
                 // The cosine of the angle, by inversion: 1 + ln(u + (1 - u) e^(-2 kappa)) / kappa.
                 let u = 1.0 - stream.uniform();
                 let cos = (1.0 + libm::log(u + (1.0 - u) * libm::exp(-2.0 * kappa)) / kappa).max(-1.0);
@@ -139,21 +133,34 @@ impl Orientations {
     }
 }
 
-/// Spheroids of one aspect ratio.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Spheroids.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Spheroids {
-    pub(crate) aspect: f64,
-    pub(crate) orientations: Orientations,
+    /// Aspect ratio, polar over equatorial diameter: above 1 for rods (prolate), below 1 for discs (oblate).
+    #[schemars(range(min = 0.01, max = 100.0), example = 3.0)]
+    pub e_p: f64,
+    /// Initial orientation of their symmetry axes.
+    #[serde(default)]
+    pub orientation: Orientation,
 }
 
 impl Spheroids {
-    /// Spheroids of one aspect ratio (length along the axis over length across it, 0.01 to 100; 1 is a
-    /// sphere, whose axis is not rotated).
-    pub fn new(aspect: f64, orientations: Orientations) -> Result<Self> {
-        if !(0.01..=100.0).contains(&aspect) {
-            return Err(CHECK.fault("aspect_ratio", aspect, "a number from 0.01 to 100"));
+    /// The same spheroids, or `Err` if a value is out of range; directions may have any length but zero.
+    pub fn checked(self) -> Result<Self> {
+        if !(0.01..=100.0).contains(&self.e_p) {
+            return Err(CHECK.fault("aspect_ratio", self.e_p, "a number from 0.01 to 100"));
         }
-        Ok(Spheroids { aspect, orientations })
+        match self.orientation {
+            Orientation::Random => {}
+            Orientation::Aligned(direction) => drop(CHECK.direction("direction", direction.into())?),
+            Orientation::VonMisesFisher { mean, kappa } => {
+                if !(kappa > 0.0 && kappa <= 1e6) {
+                    return Err(CHECK.fault("kappa", kappa, "a number > 0, at most 1e6"));
+                }
+                CHECK.direction("direction", mean.into())?;
+            }
+        }
+        Ok(self)
     }
 }
 
@@ -216,16 +223,16 @@ mod tests {
     fn directions_are_spread_as_they_should() {
         let mut stream = Streams::new(2).stream(Purpose::Orientation, 0, 0);
         let mean = DVec3::new(1.0, -2.0, 2.0) / 3.0;
-        for (orientations, cosine, square) in [
-            (Orientations::random(), 0.0, 1.0 / 3.0),
-            (Orientations::aligned(mean * 7.0).unwrap(), 1.0, 1.0),
+        for (orientation, cosine, square) in [
+            (Orientation::Random, 0.0, 1.0 / 3.0),
+            (Orientation::Aligned((mean * 7.0).into()), 1.0, 1.0),
             // coth kappa - 1 / kappa, and 1 - 2 (that) / kappa.
-            (Orientations::von_mises_fisher(mean, 2.0).unwrap(), 0.537_315, 0.462_685),
-            (Orientations::von_mises_fisher(mean, 500.0).unwrap(), 0.998, 0.996_008),
+            (Orientation::VonMisesFisher { mean: mean.into(), kappa: 2.0 }, 0.537_315, 0.462_685),
+            (Orientation::VonMisesFisher { mean: mean.into(), kappa: 500.0 }, 0.998, 0.996_008),
         ] {
             let (mut first, mut second) = (0.0, 0.0);
             for _ in 0..20_000 {
-                let n = orientations.draw(&mut stream);
+                let n = orientation.draw(&mut stream);
                 assert!((n.length() - 1.0).abs() < 1e-14);
                 first += n.dot(mean) / 20_000.0;
                 second += n.dot(mean) * n.dot(mean) / 20_000.0;
@@ -233,16 +240,18 @@ mod tests {
             // Standard errors at most 0.58 / 141 and 0.3 / 141.
             assert!(
                 (first - cosine).abs() < 0.017 && (second - square).abs() < 0.01,
-                "{orientations:?} {first} {second}"
+                "{orientation:?} {first} {second}"
             );
         }
     }
 
     #[test]
     fn impossible_spheroids_are_refused() {
-        let message = Spheroids::new(-2.0, Orientations::random()).unwrap_err().to_string();
+        let checked = |e_p, orientation| Spheroids { e_p, orientation }.checked();
+        let message = checked(-2.0, Orientation::Random).unwrap_err().to_string();
         assert_eq!(message, "orientation: aspect_ratio = -2: expected a number from 0.01 to 100");
-        assert!(Orientations::aligned(DVec3::ZERO).is_err());
-        assert!(Orientations::von_mises_fisher(DVec3::X, f64::NAN).is_err());
+        assert!(checked(2.0, Orientation::Aligned((0.0, 0.0, 0.0))).is_err());
+        let mean = (1.0, 0.0, 0.0);
+        assert!(checked(2.0, Orientation::VonMisesFisher { mean, kappa: f64::NAN }).is_err());
     }
 }

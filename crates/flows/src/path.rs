@@ -129,7 +129,7 @@ impl Scene<'_> {
         if t0 == t1 {
             return Ok(from);
         }
-        let steps = brownian.substeps();
+        let steps = brownian.substeps;
         let at = |half: u32| t0 + (t1 - t0) * f64::from(half) / f64::from(2 * steps);
         let dt = (t1 - t0) / f64::from(steps);
         (0..steps).try_fold(from, |pose, k| {

@@ -85,7 +85,7 @@ impl<'a> Scene<'a> {
 
     /// With spheroids instead of spheres.
     pub fn with_spheroids(self, spheroids: Spheroids) -> Self {
-        let friction = SpheroidFriction::new(spheroids.aspect);
+        let friction = SpheroidFriction::new(spheroids.e_p);
         Scene { spheroids: Some(spheroids), friction, ..self }
     }
 
@@ -149,8 +149,8 @@ impl<'a> Scene<'a> {
         let (aspect, axis) = match &self.spheroids {
             None => (1.0, DVec3::Y),
             Some(spheroids) => {
-                let drawn = || spheroids.orientations.draw(&mut stream(Purpose::Orientation));
-                (spheroids.aspect, seed.axis.unwrap_or_else(drawn))
+                let drawn = || spheroids.orientation.draw(&mut stream(Purpose::Orientation));
+                (spheroids.e_p, seed.axis.unwrap_or_else(drawn))
             }
         };
         let c_int = self.intensities.draw(seed.d_um, &mut stream(Purpose::Intensity));

@@ -189,7 +189,7 @@ impl<'a> Scene<'a> {
             if !fluid.admits(seed.position, t1, 0.5 * seed.d_um) {
                 return Ok(None);
             }
-            let axis = turned.map(|s| s.orientations.draw(&mut own.stream(Purpose::Orientation, 0, 0)));
+            let axis = turned.map(|s| s.orientation.draw(&mut own.stream(Purpose::Orientation, 0, 0)));
             let there = Pose { position: seed.position, axis: axis.unwrap_or(DVec3::Y) };
             // Homogeneous Brownian motion has the same statistics backward in time as forward.
             let origin = match &self.brownian {

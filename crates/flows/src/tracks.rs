@@ -330,12 +330,12 @@ impl RecordedTracks {
 fn particle(row: &TrackRow, kind: &ParticleDefaults<'_>, streams: Streams) -> Tracer {
     let stream = |purpose| streams.stream(purpose, 0, row.track as u32);
     let d_um = row.d_um.unwrap_or_else(|| kind.diameters.draw(&mut stream(Purpose::Diameter)));
-    let drawn_axis = || kind.spheroids.map(|s| s.orientations.draw(&mut stream(Purpose::Orientation)));
+    let drawn_axis = || kind.spheroids.map(|s| s.orientation.draw(&mut stream(Purpose::Orientation)));
     Tracer {
         id: row.track,
         position: row.position,
         d_um,
-        aspect: row.aspect.or(kind.spheroids.map(|s| s.aspect)).unwrap_or(1.0),
+        aspect: row.aspect.or(kind.spheroids.map(|s| s.e_p)).unwrap_or(1.0),
         axis: row.axis.or_else(drawn_axis).unwrap_or(DVec3::Y),
         c_int: row.c_int.unwrap_or_else(|| kind.intensities.draw(d_um, &mut stream(Purpose::Intensity))),
         velocity: None,

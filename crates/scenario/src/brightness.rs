@@ -5,57 +5,12 @@
 //! `n_rays`, magnification and pixel size: `c_int` in the data files is in photons per ray, so the same
 //! images can be rendered from these files alone.
 
-use flows::intensities::Intensities;
+use flows::Intensities;
 use microsig_core::emission::{SpheroidLaw, area_ratio, emitted_rays};
 use microsig_core::render::RendererSpec;
 use microsig_core::{Particle, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-/// Largest diameter.
-const LARGEST_UM: f64 = 1e6;
-
-/// Brightness factor of the particles, relative to the brightness that the optics give for their size.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Brightness {
-    /// The same for all particles.
-    Constant(#[schemars(range(min = 0.0, max = 1e6), example = 1.0)] f64),
-    /// Uniform distribution.
-    Uniform {
-        /// Smallest factor.
-        #[schemars(range(min = 0.0, max = 1e6), example = 0.5)]
-        min: f64,
-        /// Largest factor.
-        #[schemars(range(min = 0.0, max = 1e6), example = 1.5)]
-        max: f64,
-    },
-    /// Normal distribution, truncated to positive factors.
-    Normal {
-        /// Mean before truncation.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6), example = 1.0)]
-        mean: f64,
-        /// Standard deviation before truncation.
-        #[schemars(range(min = 0.0, max = 1e6), example = 0.2)]
-        sd: f64,
-    },
-    /// The factor is (d / `reference_um`)^`exponent` for a particle of diameter d.
-    PowerOfDiameter {
-        /// Diameter at which the factor is 1.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 2.0)]
-        reference_um: f64,
-        /// Exponent; 1 for particles dyed throughout their volume, whose light is proportional to d^3 (the
-        /// optics alone give d^2, as for surface emission).
-        #[schemars(range(min = -100.0, max = 100.0), example = 1.0)]
-        exponent: f64,
-    },
-}
-
-impl Default for Brightness {
-    fn default() -> Self {
-        Brightness::Constant(1.0)
-    }
-}
 
 /// Photons that a particle emits per exposure; `optics.gain` is then in counts per photon and defaults to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -70,7 +25,7 @@ pub struct Photons {
     /// Diameter of a particle that emits `emitted` photons.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(
-        extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM, "x-default" = "the mean diameter"),
+        extend("exclusiveMinimum" = 0, "maximum" = 1e6, "x-default" = "the mean diameter"),
         example = 2.0
     )]
     pub reference_um: Option<f64>,
@@ -115,27 +70,12 @@ pub enum Growth {
     Equal,
 }
 
-impl Brightness {
-    /// The distribution of factors.
-    pub(super) fn build(self) -> flows::Result<Intensities> {
-        match self {
-            Brightness::Constant(factor) => Intensities::equal(factor),
-            Brightness::Uniform { min, max } => Intensities::uniform(min, max),
-            Brightness::Normal { mean, sd } => Intensities::normal(mean, sd),
-            Brightness::PowerOfDiameter { reference_um, exponent } => {
-                Intensities::power_of_diameter(reference_um, exponent)
-            }
-        }
-    }
-}
-
-impl Emitted {
-    /// The distribution, in photons.
-    pub(super) fn build(self) -> flows::Result<Intensities> {
-        match self {
-            Emitted::Constant(photons) => Intensities::equal(photons),
-            Emitted::Uniform { min, max } => Intensities::uniform(min, max),
-            Emitted::Normal { mean, sd } => Intensities::normal(mean, sd),
+impl From<Emitted> for Intensities {
+    fn from(emitted: Emitted) -> Self {
+        match emitted {
+            Emitted::Constant(photons) => Intensities::Constant(photons),
+            Emitted::Uniform { min, max } => Intensities::Uniform { min, max },
+            Emitted::Normal { mean, sd } => Intensities::Normal { mean, sd },
         }
     }
 }

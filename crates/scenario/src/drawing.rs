@@ -5,7 +5,7 @@ use microsig_core::render::waves::Lens;
 use microsig_core::{Error as Core, Finding, Settings};
 
 use super::language::problems::Problems;
-use super::spec::{Brightness, Calibration, RenderMode, Spec};
+use super::spec::{Calibration, Intensities, RenderMode, Spec};
 
 /// Fills in defaults of the renderer and checks its keys.
 pub(super) fn mode(spec: &mut Spec, problems: &mut Problems) {
@@ -125,7 +125,7 @@ pub(super) fn photons(spec: &mut Spec, settings: Option<&Settings>, problems: &m
     if spec.particles.photons.is_none() {
         return;
     }
-    if spec.particles.c_int != Brightness::default() {
+    if spec.particles.c_int != Intensities::default() {
         problems
             .other("particles.c_int", "expected nothing: particles.photons says how bright particles are");
     }

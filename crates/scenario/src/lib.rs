@@ -9,7 +9,6 @@ mod field_of_view;
 mod findings;
 mod flow_checks;
 mod focal_planes;
-mod illumination;
 mod imaging;
 mod language;
 pub mod license;

@@ -1,19 +1,16 @@
 //! Particles in scenarios: number, positions, diameters, brightness, orientations, and motion besides the
 //! flow.
 
-use flows::body::Body;
-use flows::brownian::{Brownian as BrownianMotion, Settling as SettlingMotion};
-use flows::intensities::Intensities;
-use flows::orientation::{Orientations, Spheroids as SpheroidCloud};
 use flows::scale::Scale;
-use flows::{Diameters, FluidRegion, Liquid, Region, Seeding};
-use glam::{DVec2, DVec3};
+use flows::{
+    Body, Brownian, Diameters, FluidRegion, Intensities, Orientation, Region, Seeding, Settling, Spheroids,
+};
 use microsig_core::formats::data_file;
 use microsig_core::{Particle, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use super::brightness::{Brightness, Emitted, Growth, PhotonScale, Photons};
+pub use super::brightness::{Emitted, Growth, PhotonScale, Photons};
 use super::findings::Findings;
 use super::language::problems::Problems;
 use microsig_core::visibility::DepthScan;
@@ -39,7 +36,7 @@ pub struct Particles {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diameter_um: Option<Diameter>,
     /// Brightness factor of the particles, relative to the brightness that the optics give for their size.
-    pub c_int: Brightness,
+    pub c_int: Intensities,
     /// Instead of `c_int`: number of photons that a particle emits per exposure.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(
@@ -153,146 +150,13 @@ pub enum Diameter {
     ),
 }
 
-/// Spheroids.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Spheroids {
-    /// Aspect ratio, polar over equatorial diameter: above 1 for rods (prolate), below 1 for discs (oblate).
-    #[schemars(range(min = 0.01, max = 100.0), example = 3.0)]
-    pub e_p: f64,
-    /// Initial orientation of their symmetry axes.
-    #[serde(default)]
-    pub orientation: Orientation,
-}
-
-/// Initial orientation of the symmetry axes of spheroids.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Orientation {
-    /// Uniformly distributed over all directions.
-    #[default]
-    Random,
-    /// All axes along one direction (x, y, z).
-    Aligned(#[schemars(example = (1, 0, 0))] (f64, f64, f64)),
-    /// Von Mises-Fisher distribution about a mean direction, density proportional to exp(kappa cos(a)) at the
-    /// angle a from it.
-    VonMisesFisher {
-        /// Mean direction (x, y, z).
-        #[schemars(example = (1, 0, 0))]
-        mean: (f64, f64, f64),
-        /// Concentration kappa.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6), example = 10.0)]
-        kappa: f64,
-    },
-}
-
-/// Brownian motion in a liquid; the defaults are for water at 25 degrees Celsius.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Brownian {
-    /// Temperature of the liquid.
-    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e4))]
-    pub temperature_k: f64,
-    /// Dynamic viscosity of the liquid.
-    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
-    pub viscosity_pa_s: f64,
-    /// Number of time steps between consecutive frames.
-    #[schemars(range(min = 1, max = 10_000))]
-    pub substeps: u32,
-}
-
-impl Default for Brownian {
-    fn default() -> Self {
-        Brownian { temperature_k: 298.15, viscosity_pa_s: 0.89e-3, substeps: 2 }
-    }
-}
-
-/// Sedimentation in a liquid; the defaults are for polystyrene in water on an inverted microscope (the lens
-/// is on the side of negative z).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Settling {
-    /// Density of the particles minus the liquid's.
-    #[schemars(range(min = -1e5, max = 1e5))]
-    pub density_difference_kg_m3: f64,
-    /// Dynamic viscosity of the liquid.
-    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6))]
-    pub viscosity_pa_s: f64,
-    /// Direction of gravity (x, y, z).
-    pub direction: (f64, f64, f64),
-}
-
-impl Default for Settling {
-    fn default() -> Self {
-        Settling { density_difference_kg_m3: 50.0, viscosity_pa_s: 0.89e-3, direction: (0.0, 0.0, -1.0) }
-    }
-}
-
-/// A solid body that particles cannot enter.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Obstacle {
-    /// A sphere.
-    Sphere {
-        /// Center (x, y, z).
-        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
-        center_um: (f64, f64, f64),
-        /// Radius.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
-        radius_um: f64,
-    },
-    /// A cylinder along z.
-    Cylinder {
-        /// Axis (x, y).
-        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0))]
-        center_um: (f64, f64),
-        /// Radius.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
-        radius_um: f64,
-    },
-    /// The space outside a sessile drop in the shape of a parabolic cap.
-    OutsideDrop {
-        /// Center of the drop's base (x, y, z).
-        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -80))]
-        center_um: (f64, f64, f64),
-        /// Radius of the drop's base.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 200.0)]
-        radius_um: f64,
-        /// Height of the drop.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 60.0)]
-        height_um: f64,
-    },
-    /// A sphere that removes the particles that enter it.
-    Drain {
-        /// Center (x, y, z).
-        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
-        center_um: (f64, f64, f64),
-        /// Radius.
-        #[schemars(extend("exclusiveMinimum" = 0, "maximum" = LARGEST_UM), example = 20.0)]
-        radius_um: f64,
-    },
-}
-
-/// The particles of a scenario, checked.
+/// Brightness of the particles, checked.
 #[derive(Debug, Clone)]
 pub struct Cloud {
-    /// Aspect ratio and orientations, if the particles are spheroids.
-    pub spheroids: Option<SpheroidCloud>,
     /// Brightness factors, or photons.
     pub intensities: Intensities,
     /// Conversion of photons to brightness, if `intensities` are photons.
     pub photons: Option<PhotonScale>,
-    /// Whether `intensities` differs from 1.
-    pub has_intensities: bool,
-    /// Brownian motion.
-    pub brownian: Option<BrownianMotion>,
-    /// Sedimentation or buoyancy.
-    pub settling: Option<SettlingMotion>,
-    /// Bodies that particles cannot enter.
-    pub bodies: Vec<Body>,
-}
-
-fn vector((x, y, z): (f64, f64, f64)) -> DVec3 {
-    DVec3::new(x, y, z)
 }
 
 impl Diameter {
@@ -303,23 +167,6 @@ impl Diameter {
             Diameter::Normal { mean, sd, min, max } => Diameters::normal(mean, sd, min, max),
             Diameter::Lognormal { mean, sd, min, max } => Diameters::lognormal(mean, sd, min, max),
             Diameter::List(ref weighted) => Diameters::list(weighted),
-        }
-    }
-}
-
-impl Obstacle {
-    fn build(&self) -> flows::Result<Body> {
-        match *self {
-            Obstacle::Sphere { center_um, radius_um } => Body::sphere(vector(center_um), radius_um),
-            Obstacle::Cylinder { center_um: (x, y), radius_um } => {
-                Body::cylinder(DVec2::new(x, y), radius_um)
-            }
-            Obstacle::OutsideDrop { center_um, radius_um, height_um } => {
-                Body::outside_drop(vector(center_um), radius_um, height_um)
-            }
-            Obstacle::Drain { center_um, radius_um } => {
-                Ok(Body::sphere(vector(center_um), radius_um)?.draining())
-            }
         }
     }
 }
@@ -343,62 +190,35 @@ impl Particles {
         problems.of("particles.diameter_um", diameter.build())
     }
 
-    /// Builds everything except number and positions.
-    pub(super) fn cloud(&self, bodies: &[Obstacle], problems: &mut Problems) -> Option<Cloud> {
-        let spheroids = self.spheroids.map(|s| {
-            let orientations = match s.orientation {
-                Orientation::Random => Ok(Orientations::random()),
-                Orientation::Aligned(direction) => Orientations::aligned(vector(direction)),
-                Orientation::VonMisesFisher { mean, kappa } => {
-                    Orientations::von_mises_fisher(vector(mean), kappa)
-                }
-            };
-            orientations.and_then(|orientations| SpheroidCloud::new(s.e_p, orientations))
-        });
+    /// Checks everything except number and positions.
+    pub(super) fn cloud(&self, bodies: &[Body], problems: &mut Problems) -> Option<Cloud> {
         let (key, intensities) = match (self.photons, self.c_int) {
-            (Some(photons), _) => ("particles.photons.emitted", photons.emitted.build()),
-            (None, c_int) => ("particles.c_int", c_int.build()),
+            (Some(photons), _) => ("particles.photons.emitted", photons.emitted.into()),
+            (None, c_int) => ("particles.c_int", c_int),
         };
-        let liquid = self.liquid(problems);
-        let brownian = self.brownian.map(|b| BrownianMotion::new(&liquid, b.substeps));
-        let settling = self
-            .settling
-            .map(|s| SettlingMotion::new(s.density_difference_kg_m3, &liquid, vector(s.direction)));
-        let bodies: flows::Result<Vec<Body>> = bodies.iter().map(Obstacle::build).collect();
-
-        let spheroids = problems.of("particles.spheroids", spheroids.transpose());
-        let intensities = problems.of(key, intensities);
-        let brownian = problems.of("particles.brownian", brownian.transpose());
-        let settling = problems.of("particles.settling", settling.transpose());
-        let bodies = problems.of("boundaries.bodies", bodies);
-        Some(Cloud {
-            spheroids: spheroids?,
-            intensities: intensities?,
-            has_intensities: self.photons.is_some() || self.c_int != Brightness::default(),
-            photons: None,
-            brownian: brownian?,
-            settling: settling?,
-            bodies: bodies?,
-        })
+        let bodies: flows::Result<Vec<Body>> = bodies.iter().map(|body| body.checked()).collect();
+        let checked = [
+            problems.of("particles.spheroids", self.spheroids.map(Spheroids::checked).transpose()).is_some(),
+            problems.of("particles.brownian", self.brownian.map(Brownian::checked).transpose()).is_some(),
+            problems.of("particles.settling", self.settling.map(Settling::checked).transpose()).is_some(),
+            problems.of("boundaries.bodies", bodies).is_some(),
+            self.check_liquid(problems).is_some(),
+        ];
+        let intensities = problems.of(key, intensities.checked())?;
+        checked.iter().all(|fits| *fits).then_some(Cloud { intensities, photons: None })
     }
 
-    /// The liquid, common to Brownian motion and settling.
-    fn liquid(&self, problems: &mut Problems) -> Liquid {
-        let mut liquid = Liquid::default();
-        if let Some(b) = self.brownian {
-            liquid = Liquid { temperature_k: b.temperature_k, viscosity_pa_s: b.viscosity_pa_s };
+    /// Checks that Brownian motion and settling are in the same liquid.
+    fn check_liquid(&self, problems: &mut Problems) -> Option<()> {
+        let (Some(brownian), Some(settling)) = (self.brownian, self.settling) else { return Some(()) };
+        let viscosity = brownian.viscosity_pa_s;
+        if settling.viscosity_pa_s == viscosity {
+            return Some(());
         }
-        if let Some(s) = self.settling {
-            if self.brownian.is_some() && s.viscosity_pa_s != liquid.viscosity_pa_s {
-                let allowed = format!(
-                    "{}, the viscosity of particles.brownian: both are in the same liquid",
-                    liquid.viscosity_pa_s
-                );
-                problems.value("particles.settling.viscosity_pa_s", s.viscosity_pa_s, &allowed);
-            }
-            liquid.viscosity_pa_s = s.viscosity_pa_s;
-        }
-        liquid
+        let allowed =
+            format!("{viscosity}, the viscosity of particles.brownian: both are in the same liquid");
+        problems.value("particles.settling.viscosity_pa_s", settling.viscosity_pa_s, &allowed);
+        None
     }
 
     /// Refers a seeding by source density to the part of `view` in which particles can be.

@@ -27,7 +27,7 @@ use super::particles::Cloud;
 use super::recorded::check_tracks;
 use super::recordings::Recordings;
 use super::resolved::Scenario;
-use super::spec::{self, Motion, PairSeeding, Placement, Spec, Timing};
+use super::spec::{self, Intensities, Motion, PairSeeding, Particles, Placement, Spec, Timing};
 use super::truth_grid::TruthGrid;
 use super::volume;
 use storage::error::{Error, Result};
@@ -85,7 +85,10 @@ impl Sections {
         let diameters = spec.particles.diameters(&mut found.problems);
         let cloud = spec.particles.cloud(&spec.boundaries.bodies, &mut found.problems);
         let illumination = match &mut spec.illumination {
-            Some(light) => light.build(z_um, &mut found.problems),
+            Some(light) => {
+                light.fill_center((0.0, 0.0, 0.5 * (z_um.0 + z_um.1)));
+                found.problems.of("illumination", light.clone().checked())
+            }
             None => Some(Illumination::default()),
         };
         // The inner `Option` is `None` for recorded tracks.
@@ -163,7 +166,8 @@ impl Sections {
         let domain = volume::domain(&mut spec.boundaries, &imaging, z_um, margin_px, &mut found.problems)?;
         let fluid_shares = KeptShares::default();
         if let MotionSource::Field(field) = &motion {
-            let fluid = FluidRegion::new(field.as_ref(), &domain, &cloud.bodies).keeping(&fluid_shares);
+            let fluid =
+                FluidRegion::new(field.as_ref(), &domain, &spec.boundaries.bodies).keeping(&fluid_shares);
             let view = found.problems.of("boundaries", imaging.scale.view(z_um.0, z_um.1, 0.0))?;
             let (field, seeded) = ((field.as_ref(), &fluid), (&seeding, &view));
             let warnings = flow_checks::check(field, seeded, &recordings, &mut found.problems);
@@ -173,7 +177,7 @@ impl Sections {
         Some(Scenario {
             license: License::find(&spec.license).unwrap_or(LICENSES[0]),
             streams: Streams::new(spec.seed),
-            layout: layout(&spec, &motion, &cloud, imaging.shutter),
+            layout: layout(&spec, &motion, imaging.shutter),
             spec,
             settings: imaging.settings,
             renderer: imaging.renderer,
@@ -211,7 +215,7 @@ fn is_steady(motion: &Motion, field: Option<&dyn VelocityField>) -> Option<bool>
 }
 
 /// The columns that the data files need.
-fn layout(spec: &Spec, motion: &MotionSource, cloud: &Cloud, shutter: Option<Shutter>) -> Layout {
+fn layout(spec: &Spec, motion: &MotionSource, shutter: Option<Shutter>) -> Layout {
     let rows = match motion {
         MotionSource::Field(_) => &[],
         MotionSource::Tracks(tracks) => tracks.rows(),
@@ -219,9 +223,10 @@ fn layout(spec: &Spec, motion: &MotionSource, cloud: &Cloud, shutter: Option<Shu
     let spheroids = rows.iter().any(|row| row.aspect.is_some_and(|e_p| e_p != 1.0));
     let c_int = rows.iter().any(|row| row.c_int.is_some_and(|c_int| c_int != 1.0));
     let light = spec.illumination.is_some() || shutter.is_some();
+    let Particles { spheroids: drawn, c_int: factor, photons, .. } = &spec.particles;
     Layout {
-        spheroids: spheroids || cloud.spheroids.is_some(),
-        c_int: c_int || light || cloud.has_intensities,
+        spheroids: spheroids || drawn.is_some(),
+        c_int: c_int || light || photons.is_some() || *factor != Intensities::default(),
     }
 }
 

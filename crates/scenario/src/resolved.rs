@@ -60,7 +60,7 @@ pub struct Scenario {
     pub fluid_shares: KeptShares,
     /// Number, diameters and initial positions of the particles.
     pub seeding: Seeding,
-    /// Other properties of the particles, and their motion besides the flow.
+    /// Brightness of the particles.
     pub cloud: Cloud,
     /// Frames and their times.
     pub recordings: Recordings,
@@ -96,11 +96,12 @@ impl Scenario {
 
     /// The flow with particles, bodies and shutter, as the recordings of a field need it.
     pub fn scene<'a>(&'a self, field: &'a dyn VelocityField) -> Result<Scene<'a>> {
-        let cloud = &self.cloud;
-        let scene = Scene::in_fluid(self.fluid(field), &self.seeding)?.with_intensities(cloud.intensities);
-        let scene = cloud.spheroids.into_iter().fold(scene, Scene::with_spheroids);
-        let scene = cloud.brownian.into_iter().fold(scene, Scene::with_brownian);
-        let scene = cloud.settling.into_iter().fold(scene, Scene::with_settling);
+        let particles = &self.spec.particles;
+        let scene = Scene::in_fluid(self.fluid(field), &self.seeding)?;
+        let scene = scene.with_intensities(self.cloud.intensities);
+        let scene = particles.spheroids.into_iter().fold(scene, Scene::with_spheroids);
+        let scene = particles.brownian.into_iter().fold(scene, Scene::with_brownian);
+        let scene = particles.settling.into_iter().fold(scene, Scene::with_settling);
         let scene = self.shutter.into_iter().fold(scene, Scene::with_shutter);
         let scene = if self.spec.walls_slow() { scene.with_slowing_walls() } else { scene };
         Ok(if self.spec.boundaries.keep_ids { scene.keeping_ids() } else { scene })
@@ -108,7 +109,7 @@ impl Scenario {
 
     /// The region with fluid: the box without the walls of the field and the bodies.
     pub fn fluid<'a>(&'a self, field: &'a dyn VelocityField) -> FluidRegion<'a> {
-        FluidRegion::new(field, &self.domain, &self.cloud.bodies).keeping(&self.fluid_shares)
+        FluidRegion::new(field, &self.domain, &self.spec.boundaries.bodies).keeping(&self.fluid_shares)
     }
 
     /// The fraction of the sensor in which particles can be, see [`FluidRegion::image_share`]; 1 without
@@ -125,7 +126,7 @@ impl Scenario {
         ParticleDefaults {
             diameters: self.seeding.diameters(),
             intensities: self.cloud.intensities,
-            spheroids: self.cloud.spheroids,
+            spheroids: self.spec.particles.spheroids,
         }
     }
 

@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::{Lens, WaveOptics};
-use microsig_core::render::{GaussianSpot, RenderMethod, RendererSpec};
+use microsig_core::render::{RenderMethod, RendererSpec};
 use microsig_core::sensor::{Detector, ImageFormat, PixelMaps};
 use microsig_core::{KEYS, Settings};
 use schemars::JsonSchema;
@@ -19,22 +19,19 @@ use storage::dataset::manifest::ScoringRules;
 pub use super::calibration::Calibration;
 pub use super::cylinder::Cylinder;
 pub use super::field::{Changed, Field, Gridded};
-pub use super::illumination::{Beam, Illumination, LightShape, Sheet};
 use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;
 pub use super::maps::Maps;
 pub use super::motion::{FieldPlacement, Flow, Motion, OwnField, Tracks, Walls};
-pub use super::particles::{
-    Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
-    Placement, Settling, Spheroids,
-};
+pub use super::particles::{Diameter, Emitted, Growth, Number, Particles, Photons, Placement};
 pub use super::rendering::{Images, Render, RenderMode};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthColumns, TruthGrid, Weighting};
-pub use flows::Boundary;
-pub use flows::illumination::Profile as SheetProfile;
+pub use flows::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
+pub use flows::{Body, Boundary, Brownian, Intensities, Orientation, Settling, Spheroids};
 pub use microsig_core::optics::FieldOptics;
+pub use microsig_core::render::GaussianSpot as Gaussian;
 pub use microsig_core::render::waves::{Layers, Mask, Pinhole, PupilFunction as Pupil};
 pub use microsig_core::sensor::HotPixels;
 
@@ -141,7 +138,7 @@ impl Spec {
         let spheroids = self.render.spheroids;
         let tolerance = self.render.tolerance.unwrap_or(DEFAULT_TOLERANCE);
         let method = match (self.optics.gaussian, self.render.mode) {
-            (Some(spot), _) => RenderMethod::Gaussian(spot.into()),
+            (Some(spot), _) => RenderMethod::Gaussian(spot),
             (None, RenderMode::Rays) => RenderMethod::Rays { spheroids },
             (None, RenderMode::Expected) => RenderMethod::Expected { spheroids, tolerance },
             (None, RenderMode::Waves) => RenderMethod::Waves { optics: self.wave_optics(), tolerance },
@@ -184,35 +181,6 @@ impl Spec {
             blur_um: self.optics.blur_um.unwrap_or_default(),
             field: self.optics.field.unwrap_or_default(),
         }
-    }
-}
-
-/// Gaussian spots, all in focus, instead of rays, as in synthetic images for classical PIV.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct Gaussian {
-    /// e^-2 diameter of a spot.
-    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1000))]
-    pub diameter_px: f64,
-    /// Particle diameter whose spot has `diameter_px`; other spots scale with their particles.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("exclusiveMinimum" = 0, "maximum" = 1e6, "x-default" = "all spots have the same diameter"))]
-    pub reference_um: Option<f64>,
-    /// Peak of the irradiance of a particle with `c_int` 1, counts per pixel before gain.
-    #[schemars(range(min = 0.0, max = 1e9))]
-    pub peak_counts: f64,
-}
-
-impl Default for Gaussian {
-    /// The diameter at which PIV errors are smallest; the peak is 100 times the noise of setting 1.
-    fn default() -> Self {
-        Gaussian { diameter_px: 2.5, reference_um: None, peak_counts: 1000.0 }
-    }
-}
-
-impl From<Gaussian> for GaussianSpot {
-    fn from(g: Gaussian) -> Self {
-        GaussianSpot { diameter_px: g.diameter_px, reference_um: g.reference_um, peak_counts: g.peak_counts }
     }
 }
 
@@ -504,7 +472,7 @@ pub struct Boundaries {
     )]
     pub margin_px: Option<f64>,
     /// Solid bodies that particles cannot enter.
-    pub bodies: Vec<Obstacle>,
+    pub bodies: Vec<Body>,
     /// Whether a particle that crosses a periodic boundary keeps its track number.
     pub keep_ids: bool,
 }

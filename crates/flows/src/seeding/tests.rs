@@ -166,7 +166,7 @@ fn lists_are_kept_and_checked() {
     let seeds = sow(&seeding, &[], &mut stream(0)).unwrap();
     assert_eq!(seeds.iter().map(|seed| seed.position).collect::<Vec<_>>(), places);
     assert_eq!(density_of(&seeding).unwrap(), 0.0);
-    let in_the_way = [Body::sphere(DVec3::ZERO, 5.0).unwrap()];
+    let in_the_way = [Body::Sphere { center_um: (0.0, 0.0, 0.0), radius_um: 5.0 }];
     let fault = |x: DVec3, bodies: &[Body]| {
         let seeding = Seeding::list(vec![x], two.clone()).unwrap();
         sow(&seeding, bodies, &mut stream(0)).unwrap_err().to_string()

@@ -2,17 +2,17 @@
 
 use flows::fields::{LambOseen, Linear};
 use flows::{
-    Boundary, Brownian, Diameters, Domain, Frame, Liquid, Orientations, RecordingStart, Region, Scene,
-    Seeding, Shutter, Spheroids, VelocityField,
+    Boundary, Brownian, Diameters, Domain, Frame, Orientation, RecordingStart, Region, Scene, Seeding,
+    Shutter, Spheroids, VelocityField,
 };
 use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
 
 const PIECE_UM: f64 = 0.25 * 0.645;
 
-/// Water with a different viscosity, Pa s.
-fn liquid(viscosity_pa_s: f64) -> Liquid {
-    Liquid { viscosity_pa_s, ..Liquid::default() }
+/// Brownian motion in water with a different viscosity, Pa s.
+fn diffusing(viscosity_pa_s: f64, substeps: u32) -> Brownian {
+    Brownian { viscosity_pa_s, substeps, ..Brownian::default() }
 }
 
 fn domain() -> Domain {
@@ -97,7 +97,7 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
     // In a liquid with a thousandth of the viscosity of water, so that Brownian motion of 2 um particles is
     // visible.
     fn brownian(scene: Scene) -> Scene {
-        scene.with_brownian(Brownian::new(&liquid(1e-6), 1).unwrap())
+        scene.with_brownian(diffusing(1e-6, 1))
     }
     let frames = record(&field, Shutter::new(0.01, 1, 0.0, PIECE_UM).unwrap(), 8, brownian);
     let (mut squares, mut n) = (0.0, 0.0);
@@ -111,7 +111,7 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
         }
     }
     let k = frames[0].streaks[0].points.len() as f64;
-    let d = Brownian::new(&liquid(1e-6), 1).unwrap().diffusion(2.0);
+    let d = diffusing(1e-6, 1).diffusion(2.0);
     // The last of K points is the mean over 1/K of the exposure that begins (1/2 - 1/K) of it after its middle.
     let expected = 2.0 * d * 0.01 * (0.5 - 1.0 / k + 1.0 / (3.0 * k));
     let relative = squares / n / expected - 1.0;
@@ -134,7 +134,7 @@ fn images_of_diffusing_particles_move_as_in_a_camera() {
         let domain = Domain::new(region, [Boundary::Periodic; 3]);
         let shutter = Shutter::new(open_s, 1, 0.0, piece_um).unwrap();
         let scene = Scene::new(&field, &domain, &seeding).unwrap().with_shutter(shutter).keeping_ids();
-        let brownian = Brownian::new(&liquid(0.89e-3), 2).unwrap();
+        let brownian = Brownian::default();
         let times: Vec<f64> = (0..4).map(|k| DT_S * f64::from(k)).collect();
         let frames: Vec<Frame> = scene
             .with_brownian(brownian)
@@ -173,8 +173,8 @@ fn images_of_diffusing_particles_move_as_in_a_camera() {
 #[test]
 fn exposure_changes_no_path_without_diffusion_and_neither_threads_nor_length_change_exposure() {
     fn adorn(scene: Scene) -> Scene {
-        let scene = scene.with_brownian(Brownian::new(&liquid(0.89e-3), 2).unwrap());
-        scene.with_spheroids(Spheroids::new(3.0, Orientations::random()).unwrap())
+        let scene = scene.with_brownian(Brownian::default());
+        scene.with_spheroids(Spheroids { e_p: 3.0, orientation: Orientation::Random })
     }
     let field = LambOseen::from_max_speed(DVec2::ZERO, 3000.0, 40.0, 4e4).unwrap();
     let shutter = Shutter::new(0.003, 2, 0.004, PIECE_UM).unwrap();
@@ -186,7 +186,7 @@ fn exposure_changes_no_path_without_diffusion_and_neither_threads_nor_length_cha
     };
     assert!([1, 7].into_iter().all(|threads| with(threads) == long[..3]));
     fn rods(scene: Scene) -> Scene {
-        scene.with_spheroids(Spheroids::new(3.0, Orientations::random()).unwrap())
+        scene.with_spheroids(Spheroids { e_p: 3.0, orientation: Orientation::Random })
     }
     let sharp = record(&field, Shutter::new(0.0, 1, 0.0, PIECE_UM).unwrap(), 3, rods);
     for (a, b) in record(&field, shutter, 3, rods).iter().zip(&sharp) {

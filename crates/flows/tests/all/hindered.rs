@@ -3,8 +3,8 @@
 use flows::fields::{Linear, Poiseuille};
 use flows::hindered::{resistance_across, slip_in_shear};
 use flows::{
-    Boundary, Brownian, Diameters, Domain, Frame, Liquid, RecordingStart, Region, Scene, Seeding, Settling,
-    Shutter, VelocityField,
+    Boundary, Brownian, Diameters, Domain, Frame, RecordingStart, Region, Scene, Seeding, Settling, Shutter,
+    VelocityField,
 };
 use glam::DVec3;
 use microsig_core::stream::Streams;
@@ -26,7 +26,7 @@ fn seeding(factor: f64) -> Seeding {
 }
 
 fn water(substeps: u32) -> Brownian {
-    Brownian::new(&Liquid::default(), substeps).unwrap()
+    Brownian { substeps, ..Default::default() }
 }
 
 fn frames(scene: &Scene, count: u32, dt_s: f64) -> Vec<Frame> {
@@ -96,7 +96,7 @@ fn spheres_lag_behind_the_flow_at_their_height() {
 fn a_sinking_sphere_approaches_the_floor_without_touching_it() {
     let field = Linear::uniform(DVec3::ZERO).unwrap();
     let (domain, seeding) = (domain([Open, Open, Wall]), seeding(0.1));
-    let heavy = Settling::new(1e4, &Liquid::default(), DVec3::NEG_Z).unwrap();
+    let heavy = Settling { density_difference_kg_m3: 1e4, ..Default::default() };
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_settling(heavy).with_slowing_walls();
     let frames = frames(&scene, 6, 0.2);
     // 9.81 * 1e4 * 0.5^2 / (18 * 0.89e-3) um/s.
@@ -131,7 +131,7 @@ fn sediment_keeps_the_barometric_distribution() {
     };
     let seeding =
         Seeding::list((0..1500).map(place).collect(), Diameters::equal(2.0 * RADIUS_UM).unwrap()).unwrap();
-    let heavy = Settling::new(1e4, &Liquid::default(), DVec3::NEG_Z).unwrap();
+    let heavy = Settling { density_difference_kg_m3: 1e4, ..Default::default() };
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_settling(heavy).keeping_ids();
     let scene = scene.with_brownian(water(20)).with_slowing_walls();
     let last = frames(&scene, 21, 0.02).pop().unwrap();

@@ -3,13 +3,13 @@
 
 use flows::fields::{
     HeleShaw, HeleShawParams, Kraichnan, KraichnanParams, LambOseen, LambOseenParams, Linear, Poiseuille,
-    PoiseuilleParams, Source, SourceParams,
+    PoiseuilleParams, Source, SourceParams, SourceShape,
 };
 use flows::{
-    Axis, Body, Boundary, Brownian, Diameters, Domain, Frame, Intensities, Liquid, Orientations,
-    RecordingStart, Region, Scene, Seeding, Settling, SpheroidFriction, Spheroids, VelocityField,
+    Axis, Body, Boundary, Brownian, Diameters, Domain, Frame, Intensities, Orientation, RecordingStart,
+    Region, Scene, Seeding, Settling, SpheroidFriction, Spheroids, VelocityField,
 };
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use microsig_core::stream::Streams;
 use std::f64::consts::PI;
 
@@ -27,13 +27,13 @@ fn seeding() -> Seeding {
     Seeding::poisson(1e-3, Diameters::equal(1.0).unwrap()).unwrap()
 }
 
-/// Water with a different viscosity, Pa s.
-fn liquid(viscosity_pa_s: f64) -> Liquid {
-    Liquid { viscosity_pa_s, ..Liquid::default() }
+/// Brownian motion in water with a different viscosity, Pa s.
+fn brownian(viscosity_pa_s: f64, substeps: u32) -> Brownian {
+    Brownian { viscosity_pa_s, substeps, ..Brownian::default() }
 }
 
 fn water(substeps: u32) -> Brownian {
-    Brownian::new(&liquid(0.89e-3), substeps).unwrap()
+    Brownian { substeps, ..Default::default() }
 }
 
 fn rest() -> Linear {
@@ -104,7 +104,7 @@ fn settled_spheres_have_boltzmanns_profile_whatever_the_frame_rate() {
     let domain = Domain::new(region, [Periodic, Periodic, Wall]);
     let seeding = Seeding::poisson(0.5, Diameters::equal(2.0).unwrap()).unwrap();
     let field = rest();
-    let settling = Settling::new(1000.0, &liquid(0.89e-3), DVec3::NEG_Z).unwrap();
+    let settling = Settling { density_difference_kg_m3: 1000.0, ..Default::default() };
     let speed = settling.velocity(2.0, &SpheroidFriction::SPHERE, DVec3::Z).length();
     let length = water(2).diffusion(2.0) / speed;
     assert!((length - 0.1).abs() < 0.001, "{length}");
@@ -161,7 +161,7 @@ fn shear_and_diffusion_act_together() {
 fn diffusing_clouds_stay_uniform_between_walls_and_at_open_faces() {
     let seeding = seeding();
     // Strong diffusion of 7 um per frame, so that many tracers reach faces and walls.
-    let hot = Brownian::new(&liquid(1e-5 * 0.89e-3), 2).unwrap();
+    let hot = brownian(1e-5 * 0.89e-3, 2);
     let still = rest();
     let channel =
         Poiseuille::from_params(&PoiseuilleParams { max_speed_um_s: Some(1500.0), ..Default::default() })
@@ -203,7 +203,7 @@ fn settling_adds_its_velocity_and_keeps_the_cloud_uniform() {
     let (domain, field) = (domain([Open; 3]), rest());
     let seeding = Seeding::poisson(1e-3, Diameters::uniform(1.0, 3.0).unwrap()).unwrap();
     // Iron: particles of 2 um settle at 16 um/s.
-    let settling = Settling::new(6800.0, &liquid(0.89e-3), DVec3::NEG_Z).unwrap();
+    let settling = Settling { density_difference_kg_m3: 6800.0, ..Default::default() };
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_settling(settling);
     let frames = frames(&scene, &times(11, 0.2), 4);
     for (now, next) in frames[0].links(&frames[1]) {
@@ -219,7 +219,7 @@ fn rods_turn_along_their_paths() {
     let (domain, seeding) = (domain([Open, Open, Wall]), seeding());
     let field = Linear::shear(12.9, Axis::X, Axis::Y, DVec3::ZERO).unwrap();
     let direction = DVec3::new(0.0, 1.0, 0.0);
-    let spheroids = Spheroids::new(5.0, Orientations::aligned(direction).unwrap()).unwrap();
+    let spheroids = Spheroids { e_p: 5.0, orientation: Orientation::Aligned(direction.into()) };
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_spheroids(spheroids);
     let frames = frames(&scene, &times(21, DT_S), 5);
     for (first, last) in frames[0].links(&frames[20]) {
@@ -230,7 +230,7 @@ fn rods_turn_along_their_paths() {
         assert!((last.axis - expected).length() < 1e-9, "{}", last.axis);
     }
     // With Brownian motion the orientations spread.
-    let hot = Brownian::new(&liquid(1e-3 * 0.89e-3), 2).unwrap();
+    let hot = brownian(1e-3 * 0.89e-3, 2);
     let frames = self::frames(&scene.with_brownian(hot), &times(3, DT_S), 5);
     let mean =
         frames[2].tracers.iter().map(|tracer| tracer.axis).sum::<DVec3>() / frames[2].tracers.len() as f64;
@@ -244,8 +244,8 @@ fn rods_turn_along_their_paths() {
 fn rods_diffuse_as_perrin_says() {
     let domain = domain([Wall; 3]);
     let seeding = Seeding::poisson(5e-3, Diameters::equal(1.0).unwrap()).unwrap();
-    let (field, hot, time) = (rest(), Brownian::new(&liquid(1e-2 * 0.89e-3), 2).unwrap(), 0.005);
-    let spheroids = Spheroids::new(3.0, Orientations::aligned(DVec3::X).unwrap()).unwrap();
+    let (field, hot, time) = (rest(), brownian(1e-2 * 0.89e-3, 2), 0.005);
+    let spheroids = Spheroids { e_p: 3.0, orientation: Orientation::Aligned((1.0, 0.0, 0.0)) };
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_spheroids(spheroids).with_brownian(hot);
     let frames = frames(&scene, &times(2, time), 12);
     let (mut axis, mut squares, mut number) = (0.0, DVec3::ZERO, 0.0);
@@ -273,7 +273,7 @@ fn rods_diffuse_as_perrin_says() {
 fn bodies_stay_free_and_the_rest_uniform() {
     let domain = domain([Open, Open, Wall]);
     let field = HeleShaw::new(&HeleShawParams { mean_speed_um_s: 1000.0, ..Default::default() }).unwrap();
-    let bodies = [Body::cylinder(DVec2::ZERO, 60.0).unwrap()];
+    let bodies = [Body::Cylinder { center_um: (0.0, 0.0), radius_um: 60.0 }];
     for brownian in [None, Some(water(1))] {
         let seeding = seeding();
         let mut scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
@@ -306,17 +306,17 @@ fn bodies_stay_free_and_the_rest_uniform() {
 #[test]
 fn a_drain_takes_what_falls_into_it() {
     let (domain, seeding) = (domain([Open, Open, Wall]), seeding());
-    let params = SourceParams { core_speed_um_s: -2000.0, ..Default::default() };
+    let params = SourceParams { shape: SourceShape::Point, core_speed_um_s: -900.0, ..Default::default() };
     let field = Source::new(&params).unwrap();
-    let bodies = [Body::cylinder(DVec2::ZERO, 20.0).unwrap().draining()];
+    let bodies = [Body::Drain { center_um: (0.0, 0.0, -30.0), radius_um: 20.0 }];
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
     let frames = frames(&scene, &times(11, DT_S), 8);
     for frame in &frames {
-        assert!(frame.tracers.iter().all(|tracer| tracer.position.truncate().length() >= 20.0));
+        assert!(frame.tracers.iter().all(|t| t.position.distance(DVec3::Z * -30.0) >= 20.0));
     }
-    // 2 pi 20 um * 2000 um/s * 0.1 s * 100 um at 1e-3 per um^3 are drained, from radii up to 91.7 um.
+    // 4 pi (20 um)^2 * 900 um/s * 0.1 s at 1e-3 per um^3 are drained, from radii up to 48.8 um.
     let gone = frames[0].tracers.len() - frames[0].links(&frames[10]).count();
-    assert!((gone as f64 - 2513.3).abs() < 4.0 * 50.2, "{gone}");
+    assert!((gone as f64 - 452.4).abs() < 4.0 * 21.3, "{gone}");
 }
 
 #[test]
@@ -359,16 +359,16 @@ fn with_everything_on_threads_and_run_length_change_nothing() {
     let seeding = Seeding::poisson(2e-4, sizes).unwrap().apart(0.5).unwrap();
     let field =
         LambOseen::from_params(&LambOseenParams { viscosity_um2_s: 1e3, ..Default::default() }).unwrap();
-    let bodies = [Body::sphere(DVec3::new(60.0, 0.0, -30.0), 20.0).unwrap()];
-    let orientations = Orientations::von_mises_fisher(DVec3::X, 5.0).unwrap();
+    let bodies = [Body::Sphere { center_um: (60.0, 0.0, -30.0), radius_um: 20.0 }];
+    let orientation = Orientation::VonMisesFisher { mean: (1.0, 0.0, 0.0), kappa: 5.0 };
     let scene = Scene::new(&field, &domain, &seeding)
         .unwrap()
         .with_bodies(&bodies)
         .unwrap()
         .with_brownian(water(2))
-        .with_settling(Settling::new(50.0, &liquid(0.89e-3), DVec3::NEG_Z).unwrap())
-        .with_spheroids(Spheroids::new(3.0, orientations).unwrap())
-        .with_intensities(Intensities::normal(1.0, 0.2).unwrap());
+        .with_settling(Settling { density_difference_kg_m3: 50.0, ..Default::default() })
+        .with_spheroids(Spheroids { e_p: 3.0, orientation })
+        .with_intensities(Intensities::Normal { mean: 1.0, sd: 0.2 });
     let with = |threads: usize, count: u32| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| frames(&scene, &times(count, DT_S), 10))

@@ -2,9 +2,7 @@
 
 use flows::scale::Scale;
 use flows::tracks::ParticleDefaults;
-use flows::{
-    Diameters, Frame, Intensities, Orientations, RecordedTracks, RecordingStart, Shutter, Spheroids,
-};
+use flows::{Diameters, Frame, Intensities, Orientation, RecordedTracks, RecordingStart, Shutter, Spheroids};
 use glam::DVec3;
 use microsig_core::stream::Streams;
 
@@ -22,8 +20,8 @@ fn record(text: &str, times_s: &[f64], shutter: Option<Shutter>) -> Vec<Frame> {
     let diameters = Diameters::uniform(1.0, 3.0).unwrap();
     let kind = ParticleDefaults {
         diameters: &diameters,
-        intensities: Intensities::uniform(0.5, 1.5).unwrap(),
-        spheroids: Some(Spheroids::new(2.0, Orientations::random()).unwrap()),
+        intensities: Intensities::Uniform { min: 0.5, max: 1.5 },
+        spheroids: Some(Spheroids { e_p: 2.0, orientation: Orientation::Random }),
     };
     let tracks = read(text).unwrap();
     let frames =

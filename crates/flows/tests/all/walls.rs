@@ -7,10 +7,10 @@ use flows::fields::{
 };
 use flows::registry::ENTRIES;
 use flows::{
-    Body, Boundary, Brownian, Diameters, Domain, FluidRegion, Frame, Liquid, RecordingStart, Region, Scene,
-    Seeding, VelocityField, Wall,
+    Body, Boundary, Brownian, Diameters, Domain, FluidRegion, Frame, RecordingStart, Region, Scene, Seeding,
+    VelocityField, Wall,
 };
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use microsig_core::stream::Streams;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -29,7 +29,7 @@ fn two_um() -> Diameters {
 
 /// Brownian steps of 0.7 um per frame.
 fn hot() -> Brownian {
-    Brownian::new(&Liquid { viscosity_pa_s: 0.89e-5, ..Liquid::default() }, 1).unwrap()
+    Brownian { viscosity_pa_s: 0.89e-5, substeps: 1, ..Default::default() }
 }
 
 fn record(scene: &Scene<'_>, frames: u32) -> Vec<Frame> {
@@ -196,7 +196,7 @@ fn shares_are_those_of_geometry() {
     let still = Linear::uniform(DVec3::ZERO).unwrap();
     let drop = ToroidalDropParams { radius_um: 100.0, ..ToroidalDropParams::default() };
     let drop = ToroidalDrop::new(&drop).unwrap();
-    let sphere = [Body::sphere(DVec3::ZERO, 30.0).unwrap()];
+    let sphere = [Body::Sphere { center_um: (0.0, 0.0, 0.0), radius_um: 30.0 }];
     for (found, expected, error) in [
         (volume(find("duct").as_ref(), &[], 1.0), 500.0 * 198.0 * 98.0, 5e-4),
         (volume(find("poiseuille").as_ref(), &[], 2.0), 500.0 * 300.0 * 96.0, 1e-9),
@@ -271,7 +271,7 @@ fn the_image_share_is_that_of_the_fluid_in_the_image() {
     let pi = std::f64::consts::PI;
     let tube = 3.0 * pi * pi / 16.0 * 50.0 / 200.0;
     assert!((share("tube", &[]) / tube - 1.0).abs() < 5e-3, "{} {tube}", share("tube", &[]));
-    let post = Body::cylinder(DVec2::ZERO, 60.0).unwrap();
+    let post = Body::Cylinder { center_um: (0.0, 0.0), radius_um: 60.0 };
     let around = 1.0 - pi * 3600.0 / 40000.0;
     assert!((share("lamb_oseen", &[post]) / around - 1.0).abs() < 5e-3, "{}", share("lamb_oseen", &[post]));
     // Floor and ceiling leave particles everywhere in the image.
