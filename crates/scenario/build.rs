@@ -7,10 +7,10 @@ use std::path::Path;
 fn main() {
     let package = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it");
     let package = Path::new(&package);
-    let of_repository = package.join("../../scenarios");
+    let in_repository = package.join("../../scenarios");
     // Next to a published package there may be any folder; the repository's contains this file.
-    let folder = if of_repository.join("quickstart.ron").is_file() {
-        of_repository
+    let folder = if in_repository.join("quickstart.ron").is_file() {
+        in_repository
     } else {
         package.join("scenarios")
     };

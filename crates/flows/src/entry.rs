@@ -78,7 +78,7 @@ pub trait FieldParameters: Default {
     const ENTRY: FieldEntry;
 
     /// Derives the parameters that are not given from the depth range.
-    fn fit_to(&mut self, _depths: DepthRange) {}
+    fn fill_defaults(&mut self, _depths: DepthRange) {}
 
     /// The seed of the field's own random numbers; `None` if it draws none.
     fn seed(&mut self) -> Option<&mut u64> {

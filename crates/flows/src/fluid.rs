@@ -38,9 +38,9 @@ const MAX_KEPT: usize = 16;
 /// The latest results of [`FluidRegion::share`] for one field, box and set of bodies, so that a region that
 /// is seeded many times is measured once.
 #[derive(Debug, Default)]
-pub struct KeptShares(Mutex<Vec<(Region, f64, f64, f64)>>);
+pub struct FluidFractionCache(Mutex<Vec<(Region, f64, f64, f64)>>);
 
-impl KeptShares {
+impl FluidFractionCache {
     /// The fraction for a part, time and radius; `measure` computes values that are not kept.
     fn get(&self, (part, t, radius): (&Region, f64, f64), measure: impl FnOnce() -> f64) -> f64 {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -64,7 +64,7 @@ pub struct FluidRegion<'a> {
     pub(crate) field: &'a dyn VelocityField,
     pub(crate) domain: &'a Domain,
     pub(crate) bodies: &'a [Body],
-    pub(crate) kept: Option<&'a KeptShares>,
+    pub(crate) kept: Option<&'a FluidFractionCache>,
 }
 
 impl<'a> FluidRegion<'a> {
@@ -74,7 +74,7 @@ impl<'a> FluidRegion<'a> {
     }
 
     /// The same region with a cache of volume fractions, which must belong to this field, box and bodies.
-    pub fn keeping(self, shares: &'a KeptShares) -> Self {
+    pub fn keeping(self, shares: &'a FluidFractionCache) -> Self {
         FluidRegion { kept: Some(shares), ..self }
     }
 
@@ -136,10 +136,10 @@ impl<'a> FluidRegion<'a> {
         from
     }
 
-    /// The walls of the box and the wall of the field (`of_field`), as seen from `x` (um), without hidden ones.
-    pub(crate) fn walls(&self, of_field: Option<Wall>, x: DVec3) -> impl Iterator<Item = Wall> + use<'a> {
+    /// The walls of the box and the wall of the field (`field_wall`), as seen from `x` (um), without hidden ones.
+    pub(crate) fn walls(&self, field_wall: Option<Wall>, x: DVec3) -> impl Iterator<Item = Wall> + use<'a> {
         let domain = self.domain;
-        let shown = of_field.filter(|own| !domain.walls(x).any(|face| face.is_before(own)));
+        let shown = field_wall.filter(|own| !domain.walls(x).any(|face| face.is_before(own)));
         let faces = domain.walls(x).filter(move |face| !shown.is_some_and(|own| own.is_before(face)));
         faces.chain(shown)
     }

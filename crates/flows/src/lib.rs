@@ -102,7 +102,7 @@ pub(crate) use error::ParameterCheck;
 pub use error::{Error, Result};
 pub use exposure::Shutter;
 pub use field::VelocityField;
-pub use fluid::{FluidRegion, KeptShares};
+pub use fluid::{FluidFractionCache, FluidRegion};
 pub use frame::{Displacement, Frame, RecordingStart, Streak, StreakPoint, Tracer};
 pub use friction::SpheroidFriction;
 pub use illumination::Illumination;

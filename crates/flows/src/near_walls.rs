@@ -91,10 +91,10 @@ impl<'a> NearWalls<'a> {
     }
 
     fn walls(&self, x: DVec3, t: f64) -> impl Iterator<Item = Wall> {
-        let of_field = self.fluid.field.wall(x, t);
+        let field_wall = self.fluid.field.wall(x, t);
         let bodies = self.fluid.bodies.iter().filter_map(move |body| body.obstacle(x));
-        let bodies = bodies.filter(move |body| !of_field.is_some_and(|own| own.is_before(body)));
-        self.fluid.walls(of_field, x).chain(bodies)
+        let bodies = bodies.filter(move |body| !field_wall.is_some_and(|own| own.is_before(body)));
+        self.fluid.walls(field_wall, x).chain(bodies)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::drift::Drifting;
 use crate::near_walls::NearWalls;
 use crate::seeding::Seed;
 use crate::{
-    Body, Brownian, Domain, FluidRegion, Intensities, KeptShares, Result, Seeding, Settling, Shutter,
+    Body, Brownian, Domain, FluidFractionCache, FluidRegion, Intensities, Result, Seeding, Settling, Shutter,
     SpheroidFriction, Spheroids, Tracer, VelocityField,
 };
 use glam::DVec3;
@@ -19,7 +19,7 @@ pub struct Scene<'a> {
     /// Density of seeding candidates, 1/um^3; those that overlap no wall become particles.
     pub(crate) density: f64,
     bodies: &'a [Body],
-    kept: Option<&'a KeptShares>,
+    kept: Option<&'a FluidFractionCache>,
     pub(crate) settling: Option<Settling>,
     pub(crate) brownian: Option<Brownian>,
     pub(crate) spheroids: Option<Spheroids>,

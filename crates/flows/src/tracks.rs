@@ -268,7 +268,7 @@ impl RecordedTracks {
         self.units
     }
 
-    fn of_frame(&self, frame: u32) -> &[TrackRow] {
+    fn frame_rows(&self, frame: u32) -> &[TrackRow] {
         let first = self.rows.partition_point(|row| row.frame < frame);
         let rest = &self.rows[first..];
         &rest[..rest.partition_point(|row| row.frame == frame)]
@@ -293,7 +293,7 @@ impl RecordedTracks {
             let index = start.first_frame + k as u32;
             let near = |step: i64| -> (&[TrackRow], f64) {
                 let time = usize::try_from(k as i64 + step).ok().and_then(|k| times_s.get(k));
-                time.map_or((&[][..], 0.0), |t| (self.of_frame((i64::from(index) + step) as u32), *t))
+                time.map_or((&[][..], 0.0), |t| (self.frame_rows((i64::from(index) + step) as u32), *t))
             };
             let (before, now, after) = (near(-1), near(0), near(1));
             let find = |rows: &'a [TrackRow], track: u64| {

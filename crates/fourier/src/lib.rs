@@ -184,10 +184,10 @@ mod tests {
             let [f, g] = [5, 11].map(|seed| spectrum(&|i| real(i, seed).into()));
             let mut both = spectrum(&|i| Complex32::new(real(i, 5), real(i, 11)));
             let mut seen = vec![0; n];
-            fft.combine(&mut both, |k, [of_f, of_g]| {
+            fft.combine(&mut both, |k, [f_term, g_term]| {
                 seen[k] += 1;
-                assert!((of_f - f[k]).norm() < 1e-3 && (of_g - g[k]).norm() < 1e-3, "{size:?} {k}");
-                of_f
+                assert!((f_term - f[k]).norm() < 1e-3 && (g_term - g[k]).norm() < 1e-3, "{size:?} {k}");
+                f_term
             });
             assert!(seen.iter().all(|n| *n == 1) && both.iter().zip(&f).all(|(a, b)| (a - b).norm() < 1e-3));
         }

@@ -37,11 +37,11 @@ impl Cancellation {
     /// Runs work on `threads` threads of its own (0: one for each core); `None` if it was cancelled before
     /// its end. What the work was about to change is left as after a panic, so it should own what it changes.
     pub fn run<T: Send>(&self, threads: usize, work: impl FnOnce() -> T + Send) -> Option<T> {
-        let of_thread = self.clone();
+        let sign = self.clone();
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .stack_size(STACK)
-            .start_handler(move |_| CANCELLATION.set(Some(of_thread.clone())))
+            .start_handler(move |_| CANCELLATION.set(Some(sign.clone())))
             .build();
         let done = match threads {
             Ok(threads) => catch_unwind(AssertUnwindSafe(|| threads.install(work))),

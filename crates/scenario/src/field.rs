@@ -81,7 +81,7 @@ macro_rules! field {
                 let path = joined(path, &self.name());
                 match self {
                     $(Field::$variant(p) => {
-                        p.fit_to(depths);
+                        p.fill_defaults(depths);
                         found.problems.of(&path, p.build())
                     })*
                     Field::Gridded(p) => p.build(&path, found),

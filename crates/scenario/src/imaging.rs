@@ -63,8 +63,8 @@ impl Imaging {
         let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
         let calibrated =
             spec.calibration.as_ref().and_then(Calibration::given_diameters_um).unwrap_or_default();
-        let of_field = matches!(spec.calibration, Some(Calibration::Field { .. }));
-        let key = if of_field { "calibration.field.diameters_um" } else { "calibration.sizes.diameters_um" };
+        let is_field = matches!(spec.calibration, Some(Calibration::Field { .. }));
+        let key = if is_field { "calibration.field.diameters_um" } else { "calibration.sizes.diameters_um" };
         let calibrated = calibrated.iter().map(|d_um| (key, depths.0, *d_um, None));
         let extremes = [
             ("particles", depths.0, diameters.max(), spheroid),

@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use flows::{Diameters, FluidRegion, Illumination, KeptShares, Seeding, Shutter, VelocityField};
+use flows::{Diameters, FluidFractionCache, FluidRegion, Illumination, Seeding, Shutter, VelocityField};
 use microsig_core::Settings;
 use microsig_core::formats::data_file::Layout;
 use microsig_core::render::Context;
@@ -164,7 +164,7 @@ impl Sections {
             }
         };
         let domain = volume::domain(&mut spec.boundaries, &imaging, z_um, margin_px, &mut found.problems)?;
-        let fluid_shares = KeptShares::default();
+        let fluid_shares = FluidFractionCache::default();
         if let MotionSource::Field(field) = &motion {
             let fluid =
                 FluidRegion::new(field.as_ref(), &domain, &spec.boundaries.bodies).keeping(&fluid_shares);

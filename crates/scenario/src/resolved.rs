@@ -5,7 +5,8 @@ use std::path::Path;
 use flows::scale::Scale;
 use flows::tracks::ParticleDefaults;
 use flows::{
-    Domain, FluidRegion, Illumination, KeptShares, RecordedTracks, Scene, Seeding, Shutter, VelocityField,
+    Domain, FluidFractionCache, FluidRegion, Illumination, RecordedTracks, Scene, Seeding, Shutter,
+    VelocityField,
 };
 use glam::DVec3;
 use microsig_core::Settings;
@@ -57,7 +58,7 @@ pub struct Scenario {
     /// The depth range of the measurement, um.
     pub depth_range_um: (f64, f64),
     /// Volume fractions of fluid in parts of the box that have been measured.
-    pub fluid_shares: KeptShares,
+    pub fluid_shares: FluidFractionCache,
     /// Number, diameters and initial positions of the particles.
     pub seeding: Seeding,
     /// Brightness of the particles.

@@ -303,9 +303,9 @@ fn units_and_ranges(schema: &mut schemars::Schema) {
         site.insert("x-default".to_owned(), "from the preset".into());
         // A key of the scenario may be bounded more closely. The type of whole numbers says that they are >= 0.
         let bounds = ["minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum"];
-        let of_type = key.is_whole.then(|| Value::from(0));
+        let type_bound = key.is_whole.then(|| Value::from(0));
         let is_bounded =
-            bounds.iter().any(|bound| site.get(*bound).is_some_and(|b| Some(b) != of_type.as_ref()));
+            bounds.iter().any(|bound| site.get(*bound).is_some_and(|b| Some(b) != type_bound.as_ref()));
         for (keyword, bound) in key.range.keywords().filter(|_| !is_bounded) {
             site.insert(keyword.to_owned(), bound.into());
         }

@@ -42,7 +42,7 @@ impl Split {
     }
 
     /// The scenario of this split with a public seed, with `count` pairs or frames (`None`: as many as the
-    /// scenario has). `spec` is that of train.
+    /// scenario has). `spec` is the scenario of train.
     pub fn scenario(self, spec: &Spec, count: Option<u32>) -> Result<Spec> {
         let spec = sized(spec, count)?;
         if self == Split::Train {

@@ -256,10 +256,10 @@ fn columns(spec: &SweepSpec, tree: &Node, base: &Node, problems: &mut Problems) 
             Ok(values) => {
                 // Only the first invalid value is reported: there may be many.
                 let refused = values.iter().take(MAX_CHECKED).enumerate().find_map(|(j, value)| {
-                    let (of_value, _) = tree.find(&format!("axes.{i}.values.list.{j}"));
+                    let (value_place, _) = tree.find(&format!("axes.{i}.values.list.{j}"));
                     let problem = refused(base, &axis.path, value)?;
                     let is_path = problem.is_of_keys() && scenario().find(&axis.path).is_none();
-                    Some(problem.at(if is_path { &place } else { &of_value }))
+                    Some(problem.at(if is_path { &place } else { &value_place }))
                 });
                 refused.into_iter().for_each(|problem| problems.push(problem));
                 columns.push(values);

@@ -44,13 +44,13 @@ pub(super) const METHOD: Method = Method {
     name: "aptv",
     about: "Depth from the two widths of astigmatic particle images, linked",
     run: |job| {
-        let (curve, left_out) = CalibrationCurve::of_sizes(&calibration::read(job.dataset)?)?;
+        let (curve, left_out) = CalibrationCurve::from_sizes(&calibration::read(job.dataset)?)?;
         left_out.into_iter().for_each(|warning| job.warn(warning));
         curve.warning().into_iter().for_each(|warning| job.warn(warning));
         let tally = Mutex::new(Tally::default());
         let found = job.particles(|image| {
-            let (found, of_image) = curve.find(image);
-            tally.lock().unwrap_or_else(PoisonError::into_inner).add(&of_image);
+            let (found, image_tally) = curve.find(image);
+            tally.lock().unwrap_or_else(PoisonError::into_inner).add(&image_tally);
             found
         })?;
         let tally = tally.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -141,7 +141,7 @@ pub(super) struct CalibrationCurve {
 
 impl CalibrationCurve {
     /// The points of the curves of all stacks, and warnings of sizes that are too faint for a curve.
-    fn of_sizes(stacks: &[Vec<CalibrationImage>]) -> Result<(Self, Vec<String>)> {
+    fn from_sizes(stacks: &[Vec<CalibrationImage>]) -> Result<(Self, Vec<String>)> {
         let peak = |step: &CalibrationImage| {
             let smooth = step.image.smoothed(SMOOTH_PX);
             smooth.counts.iter().copied().fold(0.0, f32::max) - smooth.background().0
@@ -344,7 +344,7 @@ mod tests {
                 CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
             })
             .collect();
-        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap().0;
+        let curve = CalibrationCurve::from_sizes(&[steps]).unwrap().0;
         assert!(curve.warning().is_none());
         for z in [-17.3, -6.1, 0.4, 11.9] {
             let (found, _) = curve.find(&image(80, [41.25, 38.6], z));
@@ -362,7 +362,7 @@ mod tests {
                 CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
             })
             .collect();
-        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap().0;
+        let curve = CalibrationCurve::from_sizes(&[steps]).unwrap().0;
         // Two overlapping particles and one at the edge.
         let parts = [([40.0, 40.0], 15.0), ([46.0, 48.0], -15.0), ([2.0, 70.0], 0.0)];
         let images = parts.map(|(at, z_um)| image(90, at, z_um));
@@ -395,12 +395,12 @@ mod tests {
         let steps: Vec<CalibrationImage> = (0..9)
             .map(|k| CalibrationImage { z_um: f64::from(k), at: [20.0, 20.0], image: dark.clone() })
             .collect();
-        let why = CalibrationCurve::of_sizes(std::slice::from_ref(&steps)).unwrap_err().to_string();
+        let why = CalibrationCurve::from_sizes(std::slice::from_ref(&steps)).unwrap_err().to_string();
         assert!(why.contains("expected at least 5"), "{why}");
         // Beside one that is seen, it is left out.
         let seen =
             steps.iter().map(|step| CalibrationImage { image: image(40, [20.0; 2], step.z_um), ..*step });
-        let (curve, left_out) = CalibrationCurve::of_sizes(&[steps.clone(), seen.collect()]).unwrap();
+        let (curve, left_out) = CalibrationCurve::from_sizes(&[steps.clone(), seen.collect()]).unwrap();
         assert!(!curve.points.is_empty());
         assert!(left_out[0].contains("diameter 1 (the smallest first) are not searched for"), "{left_out:?}");
     }

@@ -131,7 +131,7 @@ fn central(dataset: &DatasetPlace) -> Result<Stacks> {
 }
 
 /// What a method makes of the stack of each size (the smallest first), without sizes that it cannot use, such
-/// as particles fainter than the noise; and a warning for each of these. Errors: that of the first size if
+/// as particles fainter than the noise; and a warning for each of these. Errors: as for the first size if
 /// none can be used.
 pub(super) fn usable_sizes<T>(sizes: impl Iterator<Item = Result<T>>) -> Result<(Vec<T>, Vec<String>)> {
     let (mut usable, mut unusable) = (Vec::new(), Vec::new());

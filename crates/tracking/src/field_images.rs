@@ -118,7 +118,7 @@ impl ParticleImages for FieldImages {
     }
 
     fn radius_px(&self, z_um: f64, reach_um: f64) -> usize {
-        self.templates.iter().map(|of_place| of_place.radius_px(z_um, reach_um)).max().unwrap_or(0)
+        self.templates.iter().map(|templates| templates.radius_px(z_um, reach_um)).max().unwrap_or(0)
     }
 
     fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {

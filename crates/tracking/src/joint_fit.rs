@@ -169,7 +169,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Fits the diameter. Images of spheres change with the square of the diameter as long as they are smaller than the blur,
-    /// so images between those of the ladder are interpolated, and a parabola gives the minimum of chi^2, over this square.
+    /// so images between the steps of the ladder are interpolated, and a parabola gives the minimum of chi^2, over this square.
     fn fit_diameter(&mut self, particle: &mut ParticleFit) {
         let (model, ladder) = (self.model, self.model.ladder);
         let (all, sizes) = (&model.images, model.images.len() - ladder.len()..model.images.len());
@@ -244,7 +244,7 @@ impl<'a> Frame<'a> {
 /// Distance of squares of diameters at which chi^2 is compared, in standard deviations.
 const STEP: f64 = 2.0;
 
-/// Images at a diameter between those of three others.
+/// Images at a diameter between three others.
 struct Between<'a> {
     images: [&'a dyn ParticleImages; 3],
     weights: [f64; 3],
@@ -261,9 +261,9 @@ impl ParticleImages for Between<'_> {
 
     fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
         let [a, b, c] = self.images.map(|images| images.patch(at, z_um, radius));
-        let [of_a, of_b, of_c] = self.weights.map(|weight| weight as f32);
+        let [weight_a, weight_b, weight_c] = self.weights.map(|weight| weight as f32);
         let sum = |((a, b), c): ((&[f32; 4], &[f32; 4]), &[f32; 4])| {
-            std::array::from_fn(|k| of_a * a[k] + of_b * b[k] + of_c * c[k])
+            std::array::from_fn(|k| weight_a * a[k] + weight_b * b[k] + weight_c * c[k])
         };
         ImagePatch { light: a.light.iter().zip(&b.light).zip(&c.light).map(sum).collect(), ..a }
     }

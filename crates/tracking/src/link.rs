@@ -74,11 +74,11 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
             }
             candidates[first..].sort_unstable_by_key(|p| p.column);
         }
-        let mut of_found: Vec<Option<usize>> = vec![None; found.len()];
+        let mut found_track: Vec<Option<usize>> = vec![None; found.len()];
         for pair in max_weight_matching(tracks.len(), found.len(), candidates) {
-            of_found[pair.column as usize] = Some(pair.row as usize);
+            found_track[pair.column as usize] = Some(pair.row as usize);
         }
-        for (point, track) in found.iter().zip(of_found) {
+        for (point, track) in found.iter().zip(found_track) {
             let id = match track {
                 Some(k) => {
                     let track = &mut tracks[k];

@@ -65,19 +65,19 @@ pub(super) struct Locator<I> {
 impl Coarse {
     fn new(templates: &[Vec<Templates>], places: Option<FieldPlaces>, noise: PixelNoise) -> Self {
         let all = templates.iter().flatten();
-        let radii = all.flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius));
+        let radii = all.flat_map(|templates| (0..templates.len()).map(|k| templates.get(k).radius));
         let largest = radii.max().unwrap_or(0);
         // Odd, so that the particle stays at the center of a pixel.
         let bin = largest.div_ceil(SEARCH_RADIUS).max(1) / 2 * 2 + 1;
-        let binned = |of_place: &Vec<Templates>| {
-            let sizes = of_place.iter().map(|of_size| of_size.binned(bin, noise)).collect();
+        let binned = |place: &Vec<Templates>| {
+            let sizes = place.iter().map(|templates| templates.binned(bin, noise)).collect();
             MapTemplates::new(sizes, COARSE, KEPT_BYTES / templates.len())
         };
         Coarse { templates: templates.iter().map(binned).collect(), places, own_size: false, bin, noise }
     }
 
     /// With templates of many shapes of a particle.
-    pub(super) fn of_shapes(templates: Vec<Templates>, noise: PixelNoise) -> Self {
+    pub(super) fn for_shapes(templates: Vec<Templates>, noise: PixelNoise) -> Self {
         Coarse { own_size: true, ..Coarse::new(&[templates], None, noise) }
     }
 
@@ -159,7 +159,7 @@ impl<I: ParticleImages> Locator<I> {
         templates[templates.len() / 2]
             .sizes
             .iter()
-            .filter_map(|of_size| sides::warning(of_size, noise, self.error))
+            .filter_map(|templates| sides::warning(templates, noise, self.error))
             .for_each(|text| job.warn(text));
         let rejections = Mutex::new(Rejections::default());
         let output = job.particles(|image| {
@@ -176,9 +176,9 @@ impl<I: ParticleImages> Locator<I> {
     /// Localizes the particles of an image and counts the rejected candidates.
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
         let Found { level, noise, particles, rejections } = self.coarse.find(image);
-        let images = self.images.iter().map(|of_size| of_size as &dyn ParticleImages).collect();
-        let of_search = self.coarse.templates.first().map_or(0, |of_place| of_place.sizes.len());
-        let is_fitted = self.images.len() > of_search;
+        let images = self.images.iter().map(|templates| templates as &dyn ParticleImages).collect();
+        let searched = self.coarse.templates.first().map_or(0, |place| place.sizes.len());
+        let is_fitted = self.images.len() > searched;
         let ladder = if is_fitted { &self.diameters_um[..] } else { &[] };
         let model = Model { images, ladder, noise, error: self.error, step_um: self.step_um };
         // Without particles beyond the image, whose light may reach it.

@@ -84,17 +84,17 @@ struct ModelImages {
 fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
-    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
+    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.frame_noise(noise));
     let manifest = job.dataset.manifest()?;
     let sensor = manifest.microsig.sensor.as_ref().map(|sensor| [sensor.width_px, sensor.height_px]);
     let (mut search, mut images) = (Vec::<Vec<Templates>>::new(), Vec::new());
     let origins = calibration::origins(job.dataset)?;
-    let sizes = stacks.into_iter().zip(&origins).map(|(stack, origin)| of_size(job, stack, origin, sensor));
+    let sizes = stacks.into_iter().zip(&origins).map(|(stack, origin)| size_templates(job, stack, origin, sensor));
     let (sizes, left_out) = calibration::usable_sizes(sizes)?;
     left_out.into_iter().for_each(|warning| job.warn(warning));
     for (templates, model) in sizes {
         search.resize_with(templates.len(), Vec::new);
-        search.iter_mut().zip(templates).for_each(|(of_place, templates)| of_place.push(templates));
+        search.iter_mut().zip(templates).for_each(|(place_templates, templates)| place_templates.push(templates));
         images.push(model);
     }
     let places = FieldPlaces::new(sensor.map_or_else(Vec::new, places));
@@ -131,7 +131,7 @@ pub(super) struct OfSpheroids {
 pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
-    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
+    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.frame_noise(noise));
     let mut origins = calibration::origins(job.dataset)?;
     if stacks.len() > 1 {
         job.warn("spheroids are taken to have the largest of the calibrated diameters");
@@ -143,9 +143,9 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
         return Err(Error::input("mle of spheroids: optics that vary over the field are not supported"));
     }
     let (side, depths_um) = (stack.images[0].width, stack.depths_um.clone());
-    let (templates, sphere) = of_size(job, stack, &origin, None)?;
-    let of_aspect = 0.5 * origin.d_um * origin.settings.magnification / origin.settings.pixel_size;
-    let room = (of_aspect * (longest.max(LONGEST) - 1.0)).ceil() as usize;
+    let (templates, sphere) = size_templates(job, stack, &origin, None)?;
+    let aspect_px = 0.5 * origin.d_um * origin.settings.magnification / origin.settings.pixel_size;
+    let room = (aspect_px * (longest.max(LONGEST) - 1.0)).ceil() as usize;
     let model = ModelImages::new(&origin, &depths_um, side + 2 * room, &job.options.context)?;
     let draft = match origin.waves {
         Some(_) => None,
@@ -155,7 +155,7 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     };
     let radii = depths_um.iter().map(|z_um| templates[0].radius_px(*z_um, 0.0)).collect();
     let model = ModelImages { unit: sphere.unit, ..model };
-    let images = ShapeImages { model, draft, radii, of_aspect, room };
+    let images = ShapeImages { model, draft, radii, aspect_px, room };
     Ok(OfSpheroids { images: images.up_to(longest), noise })
 }
 
@@ -174,14 +174,14 @@ pub(super) struct ShapeImages {
     draft: Option<Renderer>,
     /// Half widths of images of spheres, px, and how much larger an aspect ratio makes them.
     radii: Vec<usize>,
-    of_aspect: f64,
+    aspect_px: f64,
     room: usize,
 }
 
 impl ShapeImages {
     /// With room for a polar diameter up to `longest` times the calibration particle's, if there is as much.
     pub(super) fn up_to(mut self, longest: f64) -> Self {
-        let more = ((self.of_aspect * (longest - 1.0)).ceil() as usize).min(self.room);
+        let more = ((self.aspect_px * (longest - 1.0)).ceil() as usize).min(self.room);
         self.model.radii = self.radii.iter().map(|radius| radius + more).collect();
         self
     }
@@ -251,7 +251,7 @@ fn places(sensor: [u32; 2]) -> Vec<[f64; 2]> {
 
 /// Model of one size of particles, and its templates: in the middle, or at all places of the field of view if
 /// the optics vary over it.
-fn of_size(
+fn size_templates(
     job: &Job,
     stack: Stack,
     origin: &Origin,
@@ -284,7 +284,7 @@ fn of_size(
             Templates::new(stack.depths_um.clone(), images, stack.noise)
         })
         .collect();
-    let radius = |z_um: &f64| templates.iter().map(|of_place| of_place.radius_px(*z_um, 0.0)).max();
+    let radius = |z_um: &f64| templates.iter().map(|place_templates| place_templates.radius_px(*z_um, 0.0)).max();
     model.radii = model.depths_um.iter().map(|z_um| radius(z_um).unwrap_or(0)).collect();
     Ok((templates, model))
 }

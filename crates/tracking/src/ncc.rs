@@ -46,25 +46,25 @@ pub(super) const METHOD: Method = Method {
 /// From the stacks of each size of particles at several places, or of a recording.
 fn field_locator(places: Vec<PlaceStacks>, recorded: Option<RecordedNoise>) -> Locator<FieldImages> {
     let at = FieldPlaces::new(places.iter().map(|place| place.at.unwrap_or_default()).collect());
-    let known = recorded.and_then(RecordedNoise::of_stack);
+    let known = recorded.and_then(RecordedNoise::stack_noise);
     let mut sizes: Vec<Vec<Templates>> = Vec::new();
-    let mut of_stack = None;
+    let mut stack_noise = None;
     for place in places {
         let stacks: Vec<Stack> = place.sizes.iter().map(|steps| Stack::off_axis(steps, known)).collect();
-        of_stack.get_or_insert(brightest(&stacks).noise);
+        stack_noise.get_or_insert(brightest(&stacks).noise);
         for (size, stack) in stacks.into_iter().enumerate() {
             let templates = Templates::new(stack.depths_um, stack.images, stack.noise);
             match sizes.get_mut(size) {
-                Some(of_size) => of_size.push(templates),
+                Some(size_templates) => size_templates.push(templates),
                 None => sizes.push(vec![templates]),
             }
         }
     }
-    let of_stack = of_stack.unwrap_or(PixelNoise::new(1.0, 0.0));
-    let noise = recorded.map_or(of_stack, |recorded| recorded.of_frame(of_stack));
-    let images = sizes.iter().map(|of_size| FieldImages::new(at.clone(), of_size.clone())).collect();
+    let stack_noise = stack_noise.unwrap_or(PixelNoise::new(1.0, 0.0));
+    let noise = recorded.map_or(stack_noise, |recorded| recorded.frame_noise(stack_noise));
+    let images = sizes.iter().map(|size_templates| FieldImages::new(at.clone(), size_templates.clone())).collect();
     // The search uses the stack that is nearest.
-    let nearest = (0..at.len()).map(|k| sizes.iter().map(|of_size| of_size[k].clone()).collect()).collect();
+    let nearest = (0..at.len()).map(|k| sizes.iter().map(|size_templates| size_templates[k].clone()).collect()).collect();
     Locator::over_field(nearest, at, images, TEMPLATE_ERROR, noise)
 }
 

@@ -30,14 +30,14 @@ impl RecordedNoise {
     }
 
     /// Noise of a frame; `stack`: noise of the calibration images.
-    pub(super) fn of_frame(self, stack: PixelNoise) -> PixelNoise {
+    pub(super) fn frame_noise(self, stack: PixelNoise) -> PixelNoise {
         let of =
             |term: Option<f64>, stack: f32| term.map_or(stack * self.averaged as f32, |term| term as f32);
         PixelNoise::new(of(self.frame[0], stack.dark), of(self.frame[1], stack.gain))
     }
 
     /// Noise of a calibration image, if a frame's is known.
-    pub(super) fn of_stack(self) -> Option<PixelNoise> {
+    pub(super) fn stack_noise(self) -> Option<PixelNoise> {
         let [dark, gain] = self.frame;
         let averaged = |term: f64| (term / self.averaged) as f32;
         dark.zip(gain).map(|(dark, gain)| PixelNoise::new(averaged(dark), averaged(gain)))

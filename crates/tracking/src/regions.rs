@@ -28,10 +28,13 @@ pub(super) fn search(
     }
     let mut rejections = Rejections::default();
     let mut found: Vec<ParticleFit> = Vec::new();
-    for (place, (of_place, part)) in templates.iter().zip(boxes).enumerate() {
+    for (place, (place_search, part)) in templates.iter().zip(boxes).enumerate() {
         let Some([left, top, right, bottom]) = part else { continue };
-        let margin =
-            of_place.sizes.iter().flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius)).max();
+        let margin = place_search
+            .sizes
+            .iter()
+            .flat_map(|size_templates| (0..size_templates.len()).map(|k| size_templates.get(k).radius))
+            .max();
         let margin = 2 * margin.unwrap_or(0) + 1;
         let (left, top) = (left.saturating_sub(margin), top.saturating_sub(margin));
         let size = ((right + margin + 1).min(width) - left, (bottom + margin + 1).min(height) - top);
@@ -40,9 +43,9 @@ pub(super) fn search(
             image: GrayImage::from_fn(size, |x, y| frame.image.counts[at(x, y)]),
             weight: (0..size.0 * size.1).map(|i| frame.weight[at(i % size.0, i / size.0)]).collect(),
         };
-        let (of_part, rejected) = Search::run(of_place, false, part);
+        let (part_fits, rejected) = Search::run(place_search, false, part);
         rejections.add(rejected);
-        for mut fit in of_part {
+        for mut fit in part_fits {
             fit.at = [fit.at[0] + left as f64, fit.at[1] + top as f64];
             // Beyond the frame, the place of the nearest pixel.
             let [x, y] =

@@ -191,12 +191,12 @@ fn over_depth(
     let at_depth = |depth: usize| {
         checkpoint();
         let aspects = start.map_or(0..templates.aspects.len(), |start| start.aspect..start.aspect + 1);
-        let of_aspect = |aspect: usize| {
+        let best_match = |aspect: usize| {
             let (axis, chi2_reduction) =
                 OverAxes::new(local, templates, depth, aspect).best(start.map(|start| start.axis));
             Shape { depth, aspect, axis, chi2_reduction }
         };
-        aspects.map(of_aspect).max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction))
+        aspects.map(best_match).max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction))
     };
     depths.filter_map(at_depth).collect()
 }

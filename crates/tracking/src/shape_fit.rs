@@ -468,9 +468,9 @@ impl Fitted {
         };
         let covariance = |k: usize, l: usize| columns[k][l] + shift(k) * shift(l) * known * known;
         let deviation = |k: usize| covariance(k, k).max(0.0).sqrt();
-        let of_aspect = if n == 7 { deviation(6) } else { known };
+        let aspect_deviation = if n == 7 { deviation(6) } else { known };
         Some(Uncertainty {
-            deviations: [deviation(1), deviation(2), deviation(3), of_aspect],
+            deviations: [deviation(1), deviation(2), deviation(3), aspect_deviation],
             turns: self.state.turns,
             covariance: [covariance(4, 4), covariance(5, 5), covariance(4, 5)],
         })

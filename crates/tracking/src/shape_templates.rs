@@ -89,9 +89,9 @@ impl ShapeTemplates {
         let fit = fit(&axes);
         let made = |z_um: f64, all: Vec<Vec<f64>>| {
             let crop = |image: &Vec<f64>| middle_of(image, images.radius(), images.radius_at(z_um));
-            let of_aspect =
+            let aspect_mean =
                 |images: &[Vec<f64>]| combined(&fit, &images.iter().map(crop).collect::<Vec<_>>());
-            (all.chunks_exact(AXES).map(of_aspect).collect(), mean(&all))
+            (all.chunks_exact(AXES).map(aspect_mean).collect(), mean(&all))
         };
         let made = over_depth(images, &depths_um, (&aspects, &axes), made);
         let radii = depths_um.iter().map(|z_um| images.radius_at(*z_um)).collect();
@@ -104,7 +104,7 @@ impl ShapeTemplates {
         let stride = self.depths_um.len().div_ceil(depths);
         let chosen: Vec<usize> = (0..self.depths_um.len()).step_by(stride).collect();
         let largest = self.radii.iter().copied().max().unwrap_or(0);
-        let of_axis = |(aspect, axis): (usize, DVec3)| {
+        let axis_values = |(aspect, axis): (usize, DVec3)| {
             let depths_um = chosen.iter().map(|&k| self.depths_um[k]).collect();
             let image = |&k: &usize| {
                 let (r, counts) = (self.radii[k], self.image(k, aspect, axis));
@@ -116,7 +116,7 @@ impl ShapeTemplates {
         };
         let all: Vec<(usize, DVec3)> =
             (0..self.aspects.len()).flat_map(|aspect| axes(n).map(move |axis| (aspect, axis))).collect();
-        all.into_par_iter().map(of_axis).collect()
+        all.into_par_iter().map(axis_values).collect()
     }
 
     /// Half width at a depth, px.
@@ -144,13 +144,13 @@ fn fit(axes: &[DVec3]) -> Vec<Vec<f64>> {
     let values: Vec<[f64; FUNCTIONS]> = axes.iter().map(|axis| functions(*axis)).collect();
     let product = |i: usize, j: usize| values.iter().map(|values| values[i] * values[j]).sum();
     let matrix: Vec<f64> = (0..FUNCTIONS).flat_map(|i| (0..FUNCTIONS).map(move |j| product(i, j))).collect();
-    let of_axis = |values: &[f64; FUNCTIONS]| {
+    let axis_values = |values: &[f64; FUNCTIONS]| {
         Equations { matrix: matrix.clone(), right: values.to_vec() }
             .solved(0.0)
             .unwrap_or(vec![0.0; FUNCTIONS])
     };
-    let by_axis: Vec<Vec<f64>> = values.iter().map(of_axis).collect();
-    (0..FUNCTIONS).map(|i| by_axis.iter().map(|of_axis| of_axis[i]).collect()).collect()
+    let by_axis: Vec<Vec<f64>> = values.iter().map(axis_values).collect();
+    (0..FUNCTIONS).map(|i| by_axis.iter().map(|axis_values| axis_values[i]).collect()).collect()
 }
 
 /// Sums of images with these weights.

@@ -22,12 +22,12 @@ const MANY: f64 = 0.1;
 /// A warning if many depths have images that, in frames with this noise and for templates with this relative error,
 /// look the same at a depth on the other side of the focus.
 pub(super) fn warning(templates: &Templates, noise: PixelNoise, error: f32) -> Option<String> {
-    let of_depths = templates.len();
-    let guessed: Vec<f64> = (0..of_depths)
+    let depths = templates.len();
+    let guessed: Vec<f64> = (0..depths)
         .filter(|&k| other_side(&distances(templates, k, noise, error), k))
         .map(|k| templates.depth_um(k))
         .collect();
-    let share = guessed.len() as f64 / of_depths as f64;
+    let share = guessed.len() as f64 / depths as f64;
     let ends = guessed.first().zip(guessed.last())?;
     (share > MANY).then(|| {
         format!(

@@ -113,7 +113,7 @@ impl Spheroids {
     fn with(images: ShapeImages, aspects: Vec<f64>, noise: PixelNoise, known: Known) -> Self {
         let templates = ShapeTemplates::new(&images, aspects, DEPTHS);
         let opposite = Opposite::new(templates.depths_um.clone(), &templates.means);
-        let coarse = Coarse::of_shapes(templates.over_axes(AXES_OF_SEARCH, DEPTHS_OF_SEARCH, noise), noise);
+        let coarse = Coarse::for_shapes(templates.over_axes(AXES_OF_SEARCH, DEPTHS_OF_SEARCH, noise), noise);
         Spheroids { images, templates, coarse, opposite, known }
     }
 
@@ -175,14 +175,14 @@ impl Spheroids {
         };
         let Some(middle) = weighted(&|value| value) else { return Ok(None) };
         let n = measured.len();
-        let of_median = if n == 1 { 1.0 } else { OF_MEDIAN };
+        let median_factor = if n == 1 { 1.0 } else { OF_MEDIAN };
         // By the scatter, but not less than by the fits themselves.
         let away = weighted(&|value| (value - middle).abs()).unwrap_or(0.0);
-        let scatter = of_median * OF_ABSOLUTE * away / (n as f64).sqrt();
+        let scatter = median_factor * OF_ABSOLUTE * away / (n as f64).sqrt();
         let weights: f64 = measured.iter().map(|(_, deviation)| weight(*deviation)).sum();
         let variances: f64 =
             measured.iter().map(|(_, deviation)| (weight(*deviation) * deviation).powi(2)).sum();
-        let deviation = scatter.max(of_median * variances.sqrt() / weights);
+        let deviation = scatter.max(median_factor * variances.sqrt() / weights);
         Ok(Some((middle.exp(), middle.exp() * deviation, n)))
     }
 
@@ -202,14 +202,14 @@ impl Spheroids {
 
     /// The particles of a frame by correlation.
     pub(super) fn correlated(&self, frame: &GrayImage) -> Vec<Localization> {
-        let of_particle = |starts: Vec<Pose>| {
+        let best_fit = |starts: Vec<Pose>| {
             let Pose { at, z_um, axis, e_p, .. } = starts[0];
             let aspect = self.reported(e_p, f64::NAN).map(|(aspect, _)| aspect);
             let shape = Some(ShapeEstimate { axis, aspect, uncertainty: None });
             let [x_px, y_px] = at.map(|at| at + 1.0);
             Localization { x_px, y_px, z_um: Some(z_um), deviations: None, d_um: None, shape }
         };
-        self.matched(frame).particles.into_iter().map(|(_, starts)| of_particle(starts)).collect()
+        self.matched(frame).particles.into_iter().map(|(_, starts)| best_fit(starts)).collect()
     }
 
     /// The particles of a frame by maximum likelihood.

@@ -12,7 +12,7 @@ use super::calibration::CalibrationImage;
 use super::denoise::{PixelNoise, denoised};
 use super::gray_image::{GrayImage, Spline};
 
-/// A symmetry is accepted if its squared differences exceed those of a rotation by 180 degrees by at most
+/// A symmetry is accepted if its squared differences exceed the ones for a rotation by 180 degrees by at most
 /// this fraction of the latter, ...
 const AS_SYMMETRIC: f64 = 0.25;
 

@@ -30,7 +30,7 @@ pub(super) fn at(path: &str) -> Option<Value> {
 
 fn below(schema: Schema<'_>) -> Value {
     let required: Vec<&str> = schema.required().collect();
-    let described = schema.below().into_iter().map(|entry| {
+    let described = schema.children().into_iter().map(|entry| {
         let mut value = described(&entry);
         value["is_required"] = json!(required.contains(&entry.name));
         value

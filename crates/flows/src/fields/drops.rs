@@ -25,7 +25,7 @@
 use super::prelude::*;
 use crate::wall::ParabolicCap;
 
-/// Height up to which the toroidal formula is extended, relative to that of the surface.
+/// Height up to which the toroidal formula is extended, relative to the surface.
 const BEYOND: f64 = 1.1;
 /// Radius from which tracers are deposited, relative to the drop's.
 const RIM: f64 = 0.98;

@@ -50,7 +50,7 @@ entry! {
     "Bruus, Theoretical Microfluidics, 3.4.6";
     [("deep", || Self { width_um: 60.0, ..Default::default() }.build())];
     {
-        fn fit_to(&mut self, depths: DepthRange) {
+        fn fill_defaults(&mut self, depths: DepthRange) {
             self.walls_z_um.get_or_insert(depths.walls());
             // `build` reports values that cannot be converted.
             if let Ok(max) = Duct::new(self).map(|duct| duct.max_speed) {

@@ -163,13 +163,13 @@ macro_rules! entry {
                 Ok(Box::new($new(self)?))
             }
 
-            entry!(@fit_to $($derived: $from)*);
+            entry!(@fill_defaults $($derived: $from)*);
             $($($function)*)?
         }
     };
-    (@fit_to) => {};
-    (@fit_to $($derived:ident: $from:ident)+) => {
-        fn fit_to(&mut self, depths: DepthRange) {
+    (@fill_defaults) => {};
+    (@fill_defaults $($derived:ident: $from:ident)+) => {
+        fn fill_defaults(&mut self, depths: DepthRange) {
             $(self.$derived.get_or_insert(depths.$from());)+
         }
     };

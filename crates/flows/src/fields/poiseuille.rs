@@ -40,7 +40,7 @@ entry! {
     "Landau & Lifshitz, Fluid Mechanics, 17";
     [("diagonal", || Self { direction_rad: 0.3, ..Default::default() }.build())];
     {
-        fn fit_to(&mut self, depths: DepthRange) {
+        fn fill_defaults(&mut self, depths: DepthRange) {
             self.walls_z_um.get_or_insert(depths.walls());
             // `build` reports values that cannot be converted.
             if let Ok(max) = self.max_speed() {

@@ -34,7 +34,7 @@ entry! {
     "u = U (1 - r^2 / R^2) along x";
     "Landau & Lifshitz, Fluid Mechanics, 17";
     {
-        fn fit_to(&mut self, depths: DepthRange) {
+        fn fill_defaults(&mut self, depths: DepthRange) {
             self.center_yz_um.get_or_insert([0.0, depths.middle()[2]]);
             self.radius_um.get_or_insert(depths.half_depth());
             // `build` reports values that cannot be converted.

@@ -58,9 +58,9 @@ fn a_cloud_in_an_open_channel_stays_uniform_and_off_the_walls() {
     let frames = frames(&scene.with_slowing_walls(), 20, 0.01);
     for frame in &frames {
         let places = frame.tracers.iter().map(|tracer| tracer.position);
-        let of_streaks =
+        let streak_points =
             frame.streaks.iter().flat_map(|streak| streak.points.iter().map(|point| point.position));
-        for z in places.chain(of_streaks).map(|x| x.z) {
+        for z in places.chain(streak_points).map(|x| x.z) {
             assert!((RADIUS_UM..=DEPTH_UM - RADIUS_UM).contains(&z), "{z}");
         }
         // The number is a Poisson number of mean 2000: 4 standard deviations.

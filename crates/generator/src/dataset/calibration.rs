@@ -147,9 +147,9 @@ impl CalibrationStack {
             return Ok(None);
         }
         let depths_um = depths_um(scenario.depth_range_um, step_um(scenario, &sizes_um, scan)?);
-        let of_size =
+        let size_particles =
             |d_um: &f64| depths_um.iter().map(|z_um| particle(scenario, *d_um, *z_um)).collect::<Vec<_>>();
-        let mut particles: Vec<Particle> = sizes_um.iter().flat_map(of_size).collect();
+        let mut particles: Vec<Particle> = sizes_um.iter().flat_map(size_particles).collect();
         let settings = settings(scenario, camera, &particles);
         if !places(scenario).is_empty() {
             return CalibrationStack::over_field(scenario, settings, particles, depths_um).map(Some);

@@ -89,7 +89,7 @@ fn text(scenario: &Scenario, totals: &Totals, image: &ParticleImage, sizes: &[Si
          ## Licence\n\n\
          {license}; see `LICENSE`.\n",
         name = spec.name,
-        each = sizes.iter().map(of_size).collect::<String>(),
+        each = sizes.iter().map(size_text).collect::<String>(),
         calibration = match scenario.calibrated_um().as_slice() {
             [] | [_] => "one particle scanned through the depth range".to_owned(),
             sizes => format!("particles of {} um, each scanned through the depth range", joined(sizes)),
@@ -161,7 +161,7 @@ fn light(waves: &WaveFacts) -> String {
 }
 
 /// The row on the images of a size.
-fn of_size(size: &SizeFacts) -> String {
+fn size_text(size: &SizeFacts) -> String {
     let SizeFacts { d_um, focus_um, peak_counts: [low, high], snr } = size;
     let snr =
         snr.map_or_else(String::new, |[low, high]| format!(", signal-to-noise ratio {low:.1} to {high:.1}"));

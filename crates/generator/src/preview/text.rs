@@ -27,10 +27,10 @@ pub fn lines(preview: &Preview) -> [String; 2] {
                 let shown = |z_um: f64| {
                     format!("{z_um:.1} um{}", if ends.contains(&z_um) { " or beyond" } else { "" })
                 };
-                let ([x, y], [of_all_x, of_all_y]) =
+                let ([x, y], [halo_x, halo_y]) =
                     (mean.least_sizes_um.map(shown), mean.focal_planes_um.map(shown));
                 format!(
-                    ", images smallest in x at {x} and in y at {y} (with their halo, root mean square, at {of_all_x} and {of_all_y})"
+                    ", images smallest in x at {x} and in y at {y} (with their halo, root mean square, at {halo_x} and {halo_y})"
                 )
             };
             format!(
@@ -64,9 +64,9 @@ fn range(preview: &Preview, unit: &str, of: fn(&DepthFacts) -> Option<f64>, each
     let join = |[a, b]: [f64; 2], [low, high]: [f64; 2]| [low.min(a), high.max(b)];
     let all = ranges.iter().map(|(_, range)| *range).reduce(join)?;
     let written = |[low, high]: [f64; 2]| format!("{low:.1} to {high:.1}");
-    let of_size = |(d_um, range): &(f64, [f64; 2])| format!("{d_um} um: {}", written(*range));
+    let size_text = |(d_um, range): &(f64, [f64; 2])| format!("{d_um} um: {}", written(*range));
     let sizes = if each && ranges.len() > 1 {
-        format!(" ({})", ranges.iter().map(of_size).collect::<Vec<_>>().join(", "))
+        format!(" ({})", ranges.iter().map(size_text).collect::<Vec<_>>().join(", "))
     } else {
         String::new()
     };
@@ -76,12 +76,12 @@ fn range(preview: &Preview, unit: &str, of: fn(&DepthFacts) -> Option<f64>, each
 /// Best focus of the sizes other than the mean.
 fn others(preview: &Preview) -> String {
     let all = preview.sizes.iter().filter(|size| size.d_um != preview.mean().d_um);
-    let of_size = |size: &SizeCurves| {
+    let size_text = |size: &SizeCurves| {
         let (best, z_um) = (best(size), size.focus_um?);
         let (d_um, width, height) = (size.d_um, best.width_px, best.height_px);
         Some(format!("; of {d_um:.3} um best at z = {z_um:.1} um, {width:.1} x {height:.1} px there"))
     };
-    all.filter_map(of_size).collect()
+    all.filter_map(size_text).collect()
 }
 
 /// The image in best focus.

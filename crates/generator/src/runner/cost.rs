@@ -145,12 +145,13 @@ impl Cost {
     pub fn check_resources(&self, scenario: &Scenario) -> Result<()> {
         let mut problems = Vec::new();
         if let Some(free) = self.memory_free_bytes.filter(|free| self.memory_bytes > *free) {
-            let of_images = self.pixels * BYTES_PER_PIXEL * (self.threads as u64).min(u64::from(self.frames));
+            let image_bytes =
+                self.pixels * BYTES_PER_PIXEL * (self.threads as u64).min(u64::from(self.frames));
             let settings = &scenario.settings;
             let (width, height) = (settings.pixel_dim_x, settings.pixel_dim_y);
             let margin_px = scenario.spec.boundaries.margin_px.unwrap_or(0.0);
             let size = f64::from(width.max(height));
-            let key = if 2 * of_images > self.memory_bytes {
+            let key = if 2 * image_bytes > self.memory_bytes {
                 format!(
                     "optics.pixel_dim_x = {width} and optics.pixel_dim_y = {height}, or the number of threads"
                 )
@@ -261,9 +262,9 @@ fn with_share_of_rays(scenario: &Scenario, share: f64) -> Result<Camera> {
     /// Fewer would not sample the aperture evenly.
     const LEAST_POINTS: f64 = 500.0;
     let mut settings = scenario.settings.clone();
-    let of_points = share.max((LEAST_POINTS / points(scenario) as f64).min(1.0));
-    settings.points_per_pixel *= of_points;
-    settings.n_rays = ((f64::from(settings.n_rays) * share / of_points) as u32).max(1);
+    let point_share = share.max((LEAST_POINTS / points(scenario) as f64).min(1.0));
+    settings.points_per_pixel *= point_share;
+    settings.n_rays = ((f64::from(settings.n_rays) * share / point_share) as u32).max(1);
     let renderer = scenario.spec.renderer().build(&settings, &scenario.context)?;
     Camera::of_dataset(scenario, renderer, scenario.detector.as_ref())
 }

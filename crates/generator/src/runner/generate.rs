@@ -116,7 +116,7 @@ pub(super) fn assemble(
     options.progress.check()?;
     manifest::write(&partial, scenario, &hashes, manifest::manifest(scenario, &totals, &image, &sizes))?;
 
-    let of_images = camera.renderer().shortfall()?;
+    let shortfall = camera.renderer().shortfall()?;
     let implausible = plausibility::warnings(scenario, &totals, &image, saturated)?;
     partial.finish_without_journal(Earlier::new(MANIFEST, options.force))?;
     Ok(Generated {
@@ -131,7 +131,7 @@ pub(super) fn assemble(
         }),
         seconds: 0.0,
         optics: preview::lines(&preview),
-        warnings: scenario.warnings.iter().cloned().chain(of_images).chain(implausible).collect(),
+        warnings: scenario.warnings.iter().cloned().chain(shortfall).chain(implausible).collect(),
     })
 }
 

@@ -55,7 +55,7 @@ impl Progress {
 
     /// Progress that another thread asks for.
     pub fn asked() -> (Self, Arc<Reports>) {
-        let reports = Reports::start(Form::Asked, None, |_| ());
+        let reports = Reports::start(Form::Polled, None, |_| ());
         (Progress::Reports(Arc::clone(&reports), true), reports)
     }
 
@@ -94,7 +94,7 @@ impl Progress {
         match self {
             Progress::Hidden => (Bar::default(), Progress::Hidden),
             // The parts would only interrupt it.
-            Progress::Reports(reports, _) if reports.are_asked() => (self.bar(n, "cases"), Progress::Hidden),
+            Progress::Reports(reports, _) if reports.are_polled() => (self.bar(n, "cases"), Progress::Hidden),
             Progress::Reports(reports, _) => {
                 (self.bar(n, "cases"), Progress::Reports(Arc::clone(reports), true))
             }
@@ -212,12 +212,12 @@ impl TableStore for Tables {
         self.folder.iter().for_each(|folder| folder.save(description, bytes));
     }
 
-    fn begun(&self, tables: usize) {
+    fn tables_started(&self, tables: usize) {
         let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
         bar.get_or_insert_with(|| self.progress.bar(0, "image tables")).bar.inc_length(tables as u64);
     }
 
-    fn made(&self) {
+    fn table_finished(&self) {
         let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(shown) = bar.as_ref() else { return };
         shown.inc(1);

@@ -157,14 +157,14 @@ fn announce(files: &[InputFile], particles: usize, camera: &Camera, progress: &P
 
 /// The names of the images of data files. Errors: two files whose names differ only in their extension.
 fn image_names(files: &[InputFile]) -> Result<Vec<PathBuf>> {
-    let mut of_file: HashMap<PathBuf, &InputFile> = HashMap::new();
+    let mut by_name: HashMap<PathBuf, &InputFile> = HashMap::new();
     files
         .iter()
         .map(|file| {
             let stem = if file.is_standard() { Some("image".as_ref()) } else { file.file_stem() };
             let stem = PathBuf::from(stem.unwrap_or_default());
             let name = stem.with_added_extension("tif");
-            match of_file.insert(name.clone(), file) {
+            match by_name.insert(name.clone(), file) {
                 Some(other) => Err(Error::input(format!(
                     "{} and {}: both would be the data file of {}; rename one of them",
                     other.display(),

@@ -17,7 +17,7 @@ pub(super) enum Form {
     /// One JSON object per task and line, also when a task begins and when it ends.
     Json,
     /// Nothing is written: another thread calls [`Reports::now`].
-    Asked,
+    Polled,
 }
 
 /// Why a task is reported as JSON.
@@ -101,8 +101,8 @@ impl Reports {
     }
 
     /// Whether another thread asks for the task under way.
-    pub(super) fn are_asked(&self) -> bool {
-        self.form == Form::Asked
+    pub(super) fn are_polled(&self) -> bool {
+        self.form == Form::Polled
     }
 
     /// Reports all running tasks.
@@ -110,7 +110,7 @@ impl Reports {
         let mut running = self.tasks().clone();
         running.retain(|task| task.is_running());
         match self.form {
-            Form::Asked => {}
+            Form::Polled => {}
             Form::Json => running.iter().for_each(|task| (self.write)(&task.json(Event::Progress))),
             Form::Lines => line(&running).iter().for_each(|line| (self.write)(line)),
         }
@@ -156,13 +156,13 @@ impl Task {
     }
 
     /// The completed fraction, including the part under way; `None` if it is unknown.
-    fn fraction(&self, of_part: f64) -> Option<f64> {
-        Some(((self.bar.position() as f64 + of_part) / self.total()? as f64).min(1.0))
+    fn fraction(&self, part_done: f64) -> Option<f64> {
+        Some(((self.bar.position() as f64 + part_done) / self.total()? as f64).min(1.0))
     }
 
     /// The time left at the mean speed so far; `None` if it is unknown.
-    fn left(&self, of_part: f64) -> Option<Duration> {
-        let fraction = self.fraction(of_part).filter(|fraction| *fraction > 0.0)?;
+    fn left(&self, part_done: f64) -> Option<Duration> {
+        let fraction = self.fraction(part_done).filter(|fraction| *fraction > 0.0)?;
         Duration::try_from_secs_f64(self.since.elapsed().as_secs_f64() * (1.0 / fraction - 1.0)).ok()
     }
 
@@ -191,8 +191,8 @@ fn line(running: &[Arc<Task>]) -> Option<String> {
         format!("{}{}{}", count.unwrap_or_default(), task.what, message.unwrap_or_default())
     });
     let described: Vec<String> = described.collect();
-    let of_part = within.first().and_then(|task| task.fraction(0.0)).filter(|part| *part < 1.0);
-    let left = first.left(of_part.unwrap_or_default());
+    let part_done = within.first().and_then(|task| task.fraction(0.0)).filter(|part| *part < 1.0);
+    let left = first.left(part_done.unwrap_or_default());
     let left = left
         .map_or_else(|| "time left unknown".to_owned(), |left| format!("about {} left", HumanDuration(left)));
     Some(format!("{}; {} so far, {left}", described.join(", "), HumanDuration(first.since.elapsed())))
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn whoever_asks_gets_the_task_that_began_last() {
-        let reports = Reports::start(Form::Asked, None, |_| ());
+        let reports = Reports::start(Form::Polled, None, |_| ());
         assert_eq!(reports.now(), None);
         let cases = reports.task("cases", bar(3, 1));
         let images = reports.task("images", bar(8, 2));

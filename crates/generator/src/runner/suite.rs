@@ -155,7 +155,7 @@ impl SuiteRecord {
     }
 }
 
-/// Refuses a dataset whose rules are not those of its case; one of an earlier version may state none unless
+/// Refuses a dataset with other rules than its case; one of an earlier version may state none unless
 /// `stated`. Errors: [`Error::Input`] with the dataset.
 pub fn check_rules(case: &SuiteCase, dataset: &Path, stated: bool) -> Result<()> {
     match Manifest::read(dataset)?.microsig.scoring {
@@ -365,7 +365,7 @@ pub fn check_suite(
     }
     bar.finish();
     if let Some(frozen) = frozen {
-        let of_mine = |part: &&String| {
+        let is_chosen = |part: &&String| {
             mine.iter().any(|(case, split)| {
                 part.strip_prefix(&case.split_folder(*split)).is_some_and(|rest| rest.starts_with('/'))
             })
@@ -379,7 +379,7 @@ pub fn check_suite(
                 None => differences.push(format!("{part}: has no frozen checksum")),
             }
         }
-        for part in frozen.hashes.keys().filter(|part| chosen.is_all() || of_mine(part)) {
+        for part in frozen.hashes.keys().filter(|part| chosen.is_all() || is_chosen(part)) {
             if !check.hashes.contains_key(part) && is_read(part) {
                 differences.push(format!("{part}: has a frozen checksum but is no longer in the suite"));
             }

@@ -83,8 +83,8 @@ impl Sample {
         let rows = rows.max(self.particles.len()) as u64;
         let values =
             self.clean.len() + self.instances.len() + self.depth.len() + self.heatmap.len() + self.flow.len();
-        let of_row = 4 * PARTICLE_COLUMNS.len() + 4 * 6 + 4 * 4 + 1;
-        rows.saturating_mul(of_row as u64).saturating_add((2 * self.images.len() + 4 * values) as u64)
+        let row_bytes = 4 * PARTICLE_COLUMNS.len() + 4 * 6 + 4 * 4 + 1;
+        rows.saturating_mul(row_bytes as u64).saturating_add((2 * self.images.len() + 4 * values) as u64)
     }
 }
 

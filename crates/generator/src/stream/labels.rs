@@ -152,24 +152,25 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample:
     let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
     sample.particles = particles(shot);
     if wanted.shapes {
-        let visible = shot.view.sights.iter().filter(|sight| sight.visible);
-        sample.shapes = visible.map(|sight| shape(sight.particle.elongated())).collect();
+        let visible = shot.view.seen_tracers.iter().filter(|seen_tracer| seen_tracer.visible);
+        sample.shapes = visible.map(|seen_tracer| shape(seen_tracer.particle.elongated())).collect();
     }
     if let Some(single) = shot.single {
         let mut instances = Instances::new(wanted, width * height);
         single.prepare(&[&shot.view.rendered]);
-        let visible = shot.view.sights.iter().filter(|sight| sight.visible);
-        for (number, sight) in visible.enumerate() {
-            let patch = single.draw_all(&shot.view.rendered[sight.rows.clone()]);
-            let z_um = sight.tracer.position.z as f32;
+        let visible = shot.view.seen_tracers.iter().filter(|seen_tracer| seen_tracer.visible);
+        for (number, seen_tracer) in visible.enumerate() {
+            let patch = single.draw_all(&shot.view.rendered[seen_tracer.rows.clone()]);
+            let z_um = seen_tracer.tracer.position.z as f32;
             let bounds = instances.add(
                 patch.belonging(wanted.share, shot.sensor, width),
                 width,
                 (number as i32 + 1, z_um),
             );
             if wanted.boxes {
-                let [x, y, w, h] = bounds.unwrap_or([sight.particle.x_px, sight.particle.y_px, 0.0, 0.0]);
-                let class = size_class(shot.scenario, sight.particle.d_um) as f32;
+                let [x, y, w, h] =
+                    bounds.unwrap_or([seen_tracer.particle.x_px, seen_tracer.particle.y_px, 0.0, 0.0]);
+                let class = size_class(shot.scenario, seen_tracer.particle.d_um) as f32;
                 sample.boxes.push([x as f32, y as f32, w as f32, h as f32, z_um, class]);
             }
         }
@@ -189,10 +190,10 @@ fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
     let scale = &shot.scenario.scale;
     let is_linked = |next: &&Frame| shot.scenario.recordings.link_to(next.index).is_some();
     let next = shot.next.filter(is_linked);
-    // Links and sights are both sorted by id.
+    // Links and seen_tracers are both sorted by id.
     let mut links = next.into_iter().flat_map(|next| shot.frame.links(next)).peekable();
-    let row = |sight: &crate::dataset::truth::Sight<'_>| {
-        let (tracer, particle) = (sight.tracer, &sight.particle);
+    let row = |seen_tracer: &crate::dataset::truth::SeenTracer<'_>| {
+        let (tracer, particle) = (seen_tracer.tracer, &seen_tracer.particle);
         while links.next_if(|(from, _)| from.id < tracer.id).is_some() {}
         let link = links.next_if(|(from, _)| from.id == tracer.id);
         let moved = link.map(|(from, to)| to.step.map_or(to.position - from.position, |step| step.actual));
@@ -200,11 +201,11 @@ fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
             let image = scale.displacement_to_image(d);
             [image.dx_px, image.dy_px, d.z]
         });
-        let c_int = particle.c_int * sight.light;
+        let c_int = particle.c_int * seen_tracer.light;
         [particle.x_px, particle.y_px, tracer.position.z, particle.d_um, c_int, dx, dy, dz].map(|v| v as f32)
     };
-    let mut rows = Vec::with_capacity(shot.view.sights.len());
-    rows.extend(shot.view.sights.iter().filter(|sight| sight.visible).map(row));
+    let mut rows = Vec::with_capacity(shot.view.seen_tracers.len());
+    rows.extend(shot.view.seen_tracers.iter().filter(|seen_tracer| seen_tracer.visible).map(row));
     rows
 }
 
@@ -266,10 +267,10 @@ fn heatmap(particles: &[[f32; 8]], (width, height): (usize, usize), sigma_px: f6
         let fall = |d: f64| libm::exp(-0.5 * d * d / (sigma_px * sigma_px));
         let columns: Vec<f64> = span(x, width).map(|column| fall(column as f64 - x)).collect();
         for row in span(y, height) {
-            let of_row = fall(row as f64 - y);
+            let row_share = fall(row as f64 - y);
             let first = row * width + span(x, width).start;
-            for (pixel, of_column) in map[first..].iter_mut().zip(&columns) {
-                *pixel = pixel.max((of_row * of_column) as f32);
+            for (pixel, column_share) in map[first..].iter_mut().zip(&columns) {
+                *pixel = pixel.max((row_share * column_share) as f32);
             }
         }
     }

@@ -130,7 +130,7 @@ impl SampleStream {
             )));
         }
         stream.options.labels.check(&base, stream.options.frames)?;
-        let mut of_new_optics: Vec<&str> = Vec::new();
+        let mut optics_keys: Vec<&str> = Vec::new();
         for (path, distribution) in &stream.options.vary {
             let mut optics = Vec::new();
             for end in distribution.ends() {
@@ -143,16 +143,16 @@ impl SampleStream {
                     )));
                 }
             }
-            let differ = optics.iter().any(|of_end| *of_end != optics[0]);
+            let differ = optics.iter().any(|end_optics| *end_optics != optics[0]);
             if differ && distribution.count() > MAX_OPTICS as u64 {
-                of_new_optics.push(path);
+                optics_keys.push(path);
             }
         }
-        if !of_new_optics.is_empty() && stream.options.labels.needs_tables(&base)? {
+        if !optics_keys.is_empty() && stream.options.labels.needs_tables(&base)? {
             stream.warning = Some(format!(
                 "vary {}: each sample needs new tables of images, which takes most of its time; `render.images: single` \
                  computes its images one by one instead",
-                of_new_optics.join(", ")
+                optics_keys.join(", ")
             ));
         }
         // Computes the tables of optics that all samples share.

@@ -75,9 +75,9 @@ fn single_images_do_not_depend_on_samples_before() {
         let labels = LabelOptions { clean: true, ..LabelOptions::default() };
         let (one, other) = (stream(&values, vary, labels), stream(&values, vary, labels));
         let clean = |stream: &SampleStream, i: u64| stream.sample(i).unwrap().clean;
-        let of_one: Vec<_> = [0, 1, 2].map(|i| clean(&one, i)).into();
-        let of_other: Vec<_> = [2, 1, 0].map(|i| clean(&other, i)).into();
-        assert!(of_one.iter().eq(of_other.iter().rev()));
+        let by_one: Vec<_> = [0, 1, 2].map(|i| clean(&one, i)).into();
+        let by_other: Vec<_> = [2, 1, 0].map(|i| clean(&other, i)).into();
+        assert!(by_one.iter().eq(by_other.iter().rev()));
     }
 }
 

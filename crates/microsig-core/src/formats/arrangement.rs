@@ -286,7 +286,7 @@ fn whole(e: &BytesStart<'_>, name: &str) -> Result<Option<usize>, String> {
 }
 
 /// Whole numbers of each axis, such as `SizeC`, `SizeZ` and `SizeT`.
-fn of_axes(e: &BytesStart<'_>, names: [&str; 3], default: usize) -> Result<[usize; 3], String> {
+fn axis_numbers(e: &BytesStart<'_>, names: [&str; 3], default: usize) -> Result<[usize; 3], String> {
     let [c, z, t] = names.map(|name| whole(e, name).map(|value| value.unwrap_or(default)));
     Ok([c?, z?, t?])
 }
@@ -341,7 +341,7 @@ impl Ome {
                 if !order.starts_with("XY") || (0..3).any(|axis| !axes.contains(&axis)) {
                     return Err(format!("OME-XML states the order {order:?}: expected one such as XYCZT"));
                 }
-                let sizes = of_axes(e, ["SizeC", "SizeZ", "SizeT"], 1)?;
+                let sizes = axis_numbers(e, ["SizeC", "SizeZ", "SizeT"], 1)?;
                 if sizes.contains(&0) || product(&sizes).is_none() {
                     return Err(format!("OME-XML states sizes of {sizes:?}: expected at least 1 of each"));
                 }
@@ -352,7 +352,7 @@ impl Ome {
                 self.images.push(OmeImage { axes, sizes, step, ..OmeImage::default() });
             }
             ("TiffData", Some(image)) => image.blocks.push(Block {
-                first: of_axes(e, ["FirstC", "FirstZ", "FirstT"], 0)?,
+                first: axis_numbers(e, ["FirstC", "FirstZ", "FirstT"], 0)?,
                 page: whole(e, "IFD")?,
                 pages: whole(e, "PlaneCount")?,
                 file: None,
@@ -366,7 +366,7 @@ impl Ome {
             ("Plane", Some(image)) => {
                 if let Some(value) = attribute(e, "PositionZ")? {
                     let unit = attribute(e, "PositionZUnit")?;
-                    let at = of_axes(e, ["TheC", "TheZ", "TheT"], 0)?;
+                    let at = axis_numbers(e, ["TheC", "TheZ", "TheT"], 0)?;
                     let position = Length { key: "PositionZ", value, unit, default: Some("um") };
                     image.positions.insert(at, position);
                 }
@@ -390,8 +390,8 @@ impl Ome {
             }
             _ => true,
         };
-        let of_file = |image: &&OmeImage| image.blocks.is_empty() || image.blocks.iter().any(is_own);
-        let own: Vec<&OmeImage> = self.images.iter().filter(of_file).collect();
+        let is_in_file = |image: &&OmeImage| image.blocks.is_empty() || image.blocks.iter().any(is_own);
+        let own: Vec<&OmeImage> = self.images.iter().filter(is_in_file).collect();
         let [image] = own[..] else {
             return Err(match own.len() {
                 0 if self.images.is_empty() => "OME-XML has no element Pixels".to_owned(),

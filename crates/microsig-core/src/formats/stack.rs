@@ -82,7 +82,7 @@ const PLAIN: u64 = u32::MAX as u64 - (64 << 20);
 
 impl Stack {
     /// Writes a stack; `page` gives its images, which have the size and type of the first. `name` is the name
-    /// of the output in errors. Errors: those of `page`; images of different sizes or types; more than 4 GB
+    /// of the output in errors. Errors: as for `page`; images of different sizes or types; more than 4 GB
     /// for ImageJ; writing.
     pub fn write<E: From<Error>>(
         &self,

@@ -143,7 +143,7 @@ impl FieldOptics {
     pub fn at(&self, [x, y]: [f64; 2]) -> LocalOptics {
         let r2 = x * x + y * y;
         let FieldOptics { focus, chief_ray, coma, astigmatism, vignetting, .. } = self;
-        let along = |(of_x, of_y): (f64, f64), per_mm: f64| [of_x + per_mm * x, of_y + per_mm * y];
+        let along = |(x0, y0): (f64, f64), per_mm: f64| [x0 + per_mm * x, y0 + per_mm * y];
         let [a6, a5] = along(astigmatism.constant, astigmatism.per_mm);
         let narrowing = vignetting.meridional_per_mm2;
         LocalOptics {
@@ -247,15 +247,15 @@ impl FieldOptics {
         let farthest2 = ends.iter().map(r2).fold(0.0, f64::max);
         // What is not a number has been reported.
         let at_most = |value: f64, most: f64| value <= most || value.is_nan();
-        let of_corner = |value: f64| value * farthest2;
+        let at_corner = |value: f64| value * farthest2;
         unless(
-            at_most(-of_corner(self.light_per_mm2), 0.999_999),
+            at_most(-at_corner(self.light_per_mm2), 0.999_999),
             "light_per_mm2",
             self.light_per_mm2,
             &format!("more than {:.4}, as light would be negative in a corner", -1.0 / farthest2),
         );
         unless(
-            at_most(of_corner(narrowing), 1.0 - NARROWEST),
+            at_most(at_corner(narrowing), 1.0 - NARROWEST),
             "vignetting.meridional_per_mm2",
             narrowing,
             &format!(
@@ -264,7 +264,7 @@ impl FieldOptics {
             ),
         );
         unless(
-            at_most(of_corner(self.distortion_per_mm2).abs(), 0.5),
+            at_most(at_corner(self.distortion_per_mm2).abs(), 0.5),
             "distortion_per_mm2",
             self.distortion_per_mm2,
             &format!("an absolute value of at most {:.4}, half the distance of a corner", 0.5 / farthest2),

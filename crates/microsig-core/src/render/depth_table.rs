@@ -117,14 +117,14 @@ impl<L: PlaneLayout> DepthTable<L> {
         let (weights, slopes) = bspline::cubic(place);
         let sizes = spline::lagrange(&self.radii, radius_um);
         let places = self.field.weights(at_px);
-        let images = places.into_iter().flat_map(move |of_place| {
-            let of_size = sizes.iter().map(|(of_size, _)| of_place * of_size);
-            of_size.collect::<Vec<f64>>()
+        let images = places.into_iter().flat_map(move |place_weight| {
+            let size_weight = sizes.iter().map(|(size_weight, _)| place_weight * size_weight);
+            size_weight.collect::<Vec<f64>>()
         });
-        images.enumerate().map(move |(image, of_image)| {
+        images.enumerate().map(move |(image, image_weight)| {
             std::array::from_fn(|i| WeightedPlane {
-                weight: of_image * weights[i],
-                by_z: of_image * slopes[i] / self.step_um,
+                weight: image_weight * weights[i],
+                by_z: image_weight * slopes[i] / self.step_um,
                 coefficients: &self.coefficients[(image * self.planes + first + i) * length..][..length],
             })
         })

@@ -170,11 +170,11 @@ impl Render for FieldRenderer {
             let (low, high) = (moved(-STEPS[axis]), moved(STEPS[axis]));
             std::array::from_fn(|i| (high[i] - low[i]) / (2.0 * STEPS[axis]))
         });
-        let of_pixel = |[value, x, y, z]: &[f64; 4]| {
-            let by = jacobian.map(|[of_x, of_y, of_z]| apparent.c_int * (of_x * x + of_y * y + of_z * z));
+        let chain_rule = |[value, x, y, z]: &[f64; 4]| {
+            let by = jacobian.map(|[by_x, by_y, by_z]| apparent.c_int * (by_x * x + by_y * y + by_z * z));
             [apparent.c_int * value, by[0], by[1], by[2]]
         };
-        let mut pixels: Vec<[f64; 4]> = inner.pixels.iter().map(of_pixel).collect();
+        let mut pixels: Vec<[f64; 4]> = inner.pixels.iter().map(chain_rule).collect();
         let mut seen = inner.window;
         if let Some(blur) = &self.blur {
             seen = window.unwrap_or_else(|| self.widened(inner.window));

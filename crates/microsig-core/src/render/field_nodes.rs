@@ -60,8 +60,9 @@ impl FieldNodes {
         });
         let basis = self.basis(at);
         let count = self.count();
-        let of_place = |place: usize| (0..count).map(|i| basis[i] * self.inverse[i * count + place]).sum();
-        (0..count).map(of_place).collect()
+        let place_weight =
+            |place: usize| (0..count).map(|i| basis[i] * self.inverse[i * count + place]).sum();
+        (0..count).map(place_weight).collect()
     }
 
     /// Products of Chebyshev polynomials, of at most the total degree of the nodes.
@@ -72,10 +73,10 @@ impl FieldNodes {
             (2..=MOST).for_each(|i| values[i] = 2.0 * x * values[i - 1] - values[i - 2]);
             values
         };
-        let (of_x, of_y) = (chebyshev(x), chebyshev(y));
+        let (in_x, in_y) = (chebyshev(x), chebyshev(y));
         let mut basis = Vec::with_capacity(self.count());
-        for (i, of_x) in of_x.iter().enumerate().take(self.degree + 1) {
-            basis.extend(of_y[..=self.degree - i].iter().map(|of_y| of_x * of_y));
+        for (i, in_x) in in_x.iter().enumerate().take(self.degree + 1) {
+            basis.extend(in_y[..=self.degree - i].iter().map(|in_y| in_x * in_y));
         }
         basis
     }

@@ -52,9 +52,9 @@ impl Window {
         if other.area() == 0 {
             return self;
         }
-        let side = |a: i64, of_a: usize, b: i64, of_b: usize| {
+        let side = |a: i64, a_size: usize, b: i64, b_size: usize| {
             let first = a.min(b);
-            (first, ((a + of_a as i64).max(b + of_b as i64) - first) as usize)
+            (first, ((a + a_size as i64).max(b + b_size as i64) - first) as usize)
         };
         let (x0, width) = side(self.x0, self.width, other.x0, other.width);
         let (y0, height) = side(self.y0, self.height, other.y0, other.height);

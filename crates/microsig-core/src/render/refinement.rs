@@ -127,9 +127,9 @@ impl Refinement {
         sample: impl Fn(f64, f64) -> Vec<f64> + Sync,
     ) -> RefinedPlanes {
         let depths = PlaneDepths { start_um: span.start_um, length_um: span.length_um, steps };
-        let of_smallest = |z_um: f64| sample(z_um, span.radii.smallest());
-        let first = first.unwrap_or_else(|| depths.sample(of_smallest));
-        let (depths, mut planes, error) = self.planes(depths, first, of_smallest);
+        let smallest_sphere = |z_um: f64| sample(z_um, span.radii.smallest());
+        let first = first.unwrap_or_else(|| depths.sample(smallest_sphere));
+        let (depths, mut planes, error) = self.planes(depths, first, smallest_sphere);
         let radii = self.radii(span.radii, |radius| sample(span.middle_um(), radius));
         for &radius in &radii[1..] {
             planes.extend(depths.sample(|z_um| sample(z_um, radius)));

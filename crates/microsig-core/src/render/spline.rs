@@ -69,10 +69,10 @@ impl LeastSquaresSpline {
         let mut rows = vec![[0.0; 4]; n];
         for j in 0..2 * n {
             let (terms, count) = terms(j, n);
-            for &(a, of_a) in &terms[..count] {
-                for &(b, of_b) in &terms[..count] {
+            for &(a, weight_a) in &terms[..count] {
+                for &(b, weight_b) in &terms[..count] {
                     if b <= a {
-                        rows[a][3 - (a - b)] += weight(j) * of_a * of_b;
+                        rows[a][3 - (a - b)] += weight(j) * weight_a * weight_b;
                     }
                 }
             }
@@ -97,7 +97,7 @@ impl LeastSquaresSpline {
         let mut c = vec![0.0; n];
         for (j, value) in values.iter().enumerate() {
             let (terms, count) = terms(j, n);
-            terms[..count].iter().for_each(|&(a, of_a)| c[a] += weight(j) * of_a * value);
+            terms[..count].iter().for_each(|&(a, weight_a)| c[a] += weight(j) * weight_a * value);
         }
         for i in 0..n {
             let first = i.saturating_sub(3);

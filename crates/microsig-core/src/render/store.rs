@@ -17,13 +17,13 @@ pub trait TableStore: Debug + Send + Sync {
     /// Keeps bytes. A store that cannot keep them keeps quiet.
     fn save(&self, description: &str, bytes: &[u8]);
 
-    /// So many tables will be made; [`TableStore::made`] is called for each.
-    fn begun(&self, tables: usize) {
+    /// So many tables will be made; [`TableStore::table_finished`] is called for each.
+    fn tables_started(&self, tables: usize) {
         let _ = tables;
     }
 
     /// A table was built.
-    fn made(&self) {}
+    fn table_finished(&self) {}
 }
 
 /// What a program gives its renderers to work with; clones share it.

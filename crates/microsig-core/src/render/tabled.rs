@@ -98,7 +98,7 @@ pub trait ImageModel: Debug + Send + Sync {
     fn sources(&self, particle: &Particle, factor: f64, out: &mut Vec<Source>);
 
     /// Appends spheres, of any brightness, whose tables are made for the sources of a particle.
-    fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>);
+    fn table_spheres(&self, particle: &Particle, out: &mut Vec<Particle>);
 
     /// What emits the light of a spheroid, if its image is a sum of images of points.
     fn spheroid_light(&self, spheroid: &Particle) -> Option<SpheroidLight> {
@@ -362,9 +362,9 @@ impl<M: ImageModel> TabledRenderer<M> {
     }
 
     /// The spheres whose tables particles need.
-    fn tabled<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Key> {
+    fn table_keys<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Key> {
         let mut spheres = Vec::new();
-        particles.for_each(|particle| self.model.tabled(particle, &mut spheres));
+        particles.for_each(|particle| self.model.table_spheres(particle, &mut spheres));
         spheres.iter().map(|sphere| self.model.ranges().key(sphere)).collect()
     }
 
@@ -406,7 +406,7 @@ impl<M: ImageModel> TabledRenderer<M> {
             store.save(description, &table.write());
             table
         });
-        store.made();
+        store.table_finished();
         table
     }
 }
@@ -600,11 +600,11 @@ impl<M: ImageModel> TabledRenderer<M> {
 
 impl<M: ImageModel> Tables for TabledRenderer<M> {
     fn missing(&self, particles: &[Particle]) -> usize {
-        self.tables.missing(self.tabled(particles.iter()).into_iter())
+        self.tables.missing(self.table_keys(particles.iter()).into_iter())
     }
 
     fn prepare(&self, particles: &[&[Particle]]) {
-        self.get(&self.tabled(particles.iter().copied().flatten()));
+        self.get(&self.table_keys(particles.iter().copied().flatten()));
     }
 
     fn state(&self) -> TablesState {

@@ -106,7 +106,7 @@ impl<L: PlaneLayout> SharedTables<L> {
         if !missing.is_empty() {
             // No lock is held: another thread that needs the same table makes an identical one.
             let missing: Vec<Key> = missing.into_iter().collect();
-            context.tables.iter().for_each(|store| store.begun(missing.len()));
+            context.tables.iter().for_each(|store| store.tables_started(missing.len()));
             let made: Vec<_> = missing.par_iter().map(|&key| (key, Arc::new(make(key)))).collect();
             found.extend(made);
             let mut tables = self.0.write().unwrap_or_else(PoisonError::into_inner);

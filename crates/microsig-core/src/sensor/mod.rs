@@ -121,11 +121,11 @@ impl Sensor {
 
     /// The image of `light`, with the noise of `frame` from the streams of `purpose`.
     pub fn expose(&self, light: &Light, streams: &Streams, purpose: Purpose, frame: u32) -> Image {
-        let of_row = |row: usize| streams.stream(purpose, frame, row as u32);
+        let row_stream = |row: usize| streams.stream(purpose, frame, row as u32);
         let size = (light.width, light.height);
         match self.format {
-            ImageFormat::Integer => self.image(size, Counts::Whole(self.rows(light, of_row))),
-            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.rows(light, of_row))),
+            ImageFormat::Integer => self.image(size, Counts::Whole(self.rows(light, row_stream))),
+            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.rows(light, row_stream))),
         }
     }
 
@@ -152,10 +152,10 @@ impl Sensor {
         frame: u32,
         make: impl Fn(usize, &mut [f64]) + Sync,
     ) -> Image {
-        let of_row = |row: usize| streams.stream(purpose, frame, row as u32);
+        let row_stream = |row: usize| streams.stream(purpose, frame, row as u32);
         match self.format {
-            ImageFormat::Integer => self.image(size, Counts::Whole(self.bands(size, rows, of_row, make))),
-            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.bands(size, rows, of_row, make))),
+            ImageFormat::Integer => self.image(size, Counts::Whole(self.bands(size, rows, row_stream, make))),
+            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.bands(size, rows, row_stream, make))),
         }
     }
 
@@ -177,8 +177,8 @@ impl Sensor {
         bands.for_each_init(buffers, |(light, buffers), (band, counts)| {
             let (first, light) = (band * rows, &mut light[..counts.len()]);
             make(first, light);
-            let of_rows = counts.chunks_exact_mut(columns).zip(light.chunks_exact(columns));
-            for (row, (counts, values)) in (first..).zip(of_rows) {
+            let row_pairs = counts.chunks_exact_mut(columns).zip(light.chunks_exact(columns));
+            for (row, (counts, values)) in (first..).zip(row_pairs) {
                 self.expose_row(row, values, stream(row), buffers, counts);
             }
         });

@@ -38,11 +38,11 @@ impl Sensor {
         let electrons = ideal * electrons_per_count + detector.dark_e;
         let shot = if detector.shot_noise { electrons } else { 0.0 };
         let variance_e = shot + own.read_noise_e * own.read_noise_e;
-        let of_camera = own.gain_counts_per_e * own.gain_counts_per_e * variance_e;
+        let camera_variance = own.gain_counts_per_e * own.gain_counts_per_e * variance_e;
         Response {
             slope: self.gain * electrons_per_count * own.gain_counts_per_e,
             background: electrons.min(detector.full_well_e) * own.gain_counts_per_e + own.offset_counts,
-            background_noise: libm::sqrt(of_camera + self.background_noise * self.background_noise),
+            background_noise: libm::sqrt(camera_variance + self.background_noise * self.background_noise),
             saturation_counts: self
                 .end(detector.bits, detector.full_well_e * own.gain_counts_per_e + own.offset_counts),
         }
@@ -51,8 +51,8 @@ impl Sensor {
     /// Whether any pixel may have a mean of `counts` at this light: a quick test before pixels are examined
     /// one by one.
     pub fn may_reach(&self, counts: f64, light: f64) -> bool {
-        let of_all = self.response(0);
-        self.detector.is_some() || of_all.background + of_all.slope * light >= counts
+        let response = self.response(0);
+        self.detector.is_some() || response.background + response.slope * light >= counts
     }
 
     /// The counts at which a pixel saturates whose offset and gain are the means of all pixels, see

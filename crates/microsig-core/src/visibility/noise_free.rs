@@ -270,13 +270,13 @@ mod tests {
                 .build(&settings, &Context::default())
                 .unwrap();
             let own = noise_free(RendererSpec::from(RAYS).without_ray_noise(3e-3), &settings);
-            let of_rays = noise_free(RAYS, &settings);
+            let by_rays = noise_free(RAYS, &settings);
             for (d_um, e_p, alpha_rad, beta_rad) in shapes {
                 for z_um in [-60.0, -25.0, -8.0, 5.0, 30.0] {
                     let spheroid = Some(Spheroid { e_p, alpha_rad, beta_rad });
                     let particle = Particle { spheroid, ..Particle::sphere(80.3, 70.2, z_um, d_um) };
                     let image = dataset.light(&[particle], &Streams::new(0), Purpose::Rays, 0).values;
-                    for (single, most, light) in [(&own, 0.01, 1e-4), (&of_rays, 0.1, 0.004)] {
+                    for (single, most, light) in [(&own, 0.01, 1e-4), (&by_rays, 0.1, 0.004)] {
                         let found = single.draw(&particle).values;
                         let off = peak(&found) / (single.factor * peak(&image)) - 1.0;
                         let total = sum(&found) / (single.factor * sum(&image)) - 1.0;

@@ -110,14 +110,14 @@ mod tests {
             .filter(|p| (145..400).contains(&((p / 100).abs_diff(40).pow(2) + (p % 100).abs_diff(60).pow(2))))
             .collect();
         assert_eq!(ring.len(), 804);
-        let of_ring = "ZS2=e24L4M2M4M2N2O@lM0S2MUN0i1O[N0d1O^N0a10aN0^1OdN0[10gN0X10hN0X1OjN0V10jN0V10jN0V10jN0V1OlN0\
+        let ring_text = "ZS2=e24L4M2M4M2N2O@lM0S2MUN0i1O[N0d1O^N0a10aN0^1OdN0[10gN0X10hN0X1OjN0V10jN0V10jN0V10jN0V1OlN0\
                        T11jN0V10jN0V10jN0V10jN0V11hN0X10hN0Y10eN0\\11bN0_10_N0b11\\N0e11WN0k13mM0T2`01N2N3L3N3L4L\\k3";
         for (pixels, size, text) in [
             (vec![14, 19, 20, 26], 30, ">1411ON"),
             (vec![0, 1, 2, 29], 30, "03j0N"),
             (vec![5, 5000, 9999], 10_000, "51Rl4040"),
             ((0..10_000).collect(), 10_000, "0`h9"),
-            (ring, 10_000, of_ring),
+            (ring, 10_000, ring_text),
         ] {
             assert_eq!(mask(&pixels).text(size), text);
             assert_eq!(RunLengths::parse(text, size), Some(mask(&pixels)));

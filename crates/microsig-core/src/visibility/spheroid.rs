@@ -27,7 +27,7 @@ pub(super) fn spheres(settings: &Settings, law: SpheroidLaw, particle: &Particle
     // The side that faces the lens is about half of the surface.
     let lit_um2 = 0.5 * area_ratio(e_p) * std::f64::consts::PI * particle.d_um * particle.d_um;
     let width_um = (libm::rint((lit_um2 / CELLS).sqrt() / STEP_UM) * STEP_UM).max(STEP_UM);
-    let of_sphere = sphere_points(settings, width_um).max(1) as f64;
+    let sphere_number = sphere_points(settings, width_um).max(1) as f64;
     // Number of points and sum of their offsets, by cell.
     let mut cells: BTreeMap<[i64; 3], (f64, [f64; 3])> = BTreeMap::new();
     for point in points {
@@ -46,7 +46,7 @@ pub(super) fn spheres(settings: &Settings, law: SpheroidLaw, particle: &Particle
             y_px: particle.y_px + y_um / settings.pixel_size,
             z_um: particle.z_um + e1,
             d_um: width_um,
-            c_int: particle.c_int * number / of_sphere,
+            c_int: particle.c_int * number / sphere_number,
             spheroid: None,
         })
     };

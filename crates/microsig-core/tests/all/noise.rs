@@ -29,7 +29,7 @@ fn frame(seed: u64, frame: u32) -> Vec<f64> {
     noise(10.0, &Streams::new(seed), Purpose::BackgroundNoise, frame)
 }
 
-/// Correlation of the pixels of `a` with those of `b` shifted by `right` columns and `down` rows, in standard
+/// Correlation of the pixels of `a` with the pixels of `b`, shifted by `right` columns and `down` rows, in standard
 /// errors.
 fn correlation(a: &[f64], b: &[f64], right: usize, down: usize) -> f64 {
     let (mut ab, mut aa, mut bb, mut n) = (0.0, 0.0, 0.0, 0.0);

@@ -1,4 +1,4 @@
-//! Wave-optical images against those of an independent program (tests/data/waves/README.md), and against
+//! Wave-optical images against an independent program (tests/data/waves/README.md), and against
 //! known physical properties.
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
@@ -232,9 +232,9 @@ fn counts_are_those_of_expected_images() {
     let expected = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 1e-3).unwrap();
     for z_um in [-60.0, -12.0, 20.0] {
         let particle = Particle::sphere(300.0, 180.0, z_um, 2.0);
-        let of_rays: f64 = expected.patch(&particle).unwrap().counts.iter().sum();
+        let ray_sum: f64 = expected.patch(&particle).unwrap().counts.iter().sum();
         let accepted = waves.accepted_light(&particle).unwrap();
-        assert!((accepted / of_rays - 1.0).abs() < 2e-3, "z = {z_um}: {accepted} and {of_rays}");
+        assert!((accepted / ray_sum - 1.0).abs() < 2e-3, "z = {z_um}: {accepted} and {ray_sum}");
         // Tails below a quarter of the tolerance are not drawn.
         let drawn: f64 = waves.patch(&particle).unwrap().counts.iter().sum();
         let outside = 1.0 - drawn / accepted;
@@ -242,7 +242,7 @@ fn counts_are_those_of_expected_images() {
     }
 }
 
-/// Far from the focal plane of x but near that of y, phases change along x within a row of the pupil, and
+/// Far from the focal plane of x but near the one of y, phases change along x within a row of the pupil, and
 /// from row to row.
 #[test]
 fn tables_are_accurate_where_a_cylinder_defocuses_one_axis_only() {

@@ -66,7 +66,7 @@ const TABLE: &str = "| key | unit | default | range | meaning |\n|---|---|---|--
 pub(crate) fn document(schema: Schema<'_>, values: &Value, header: &str, pictures: &[Picture]) -> Vec<Page> {
     let keys = schema.keys();
     let (mut sections, mut single, mut pages) = (String::new(), String::new(), Vec::new());
-    for top in schema.below() {
+    for top in schema.children() {
         let own = |path: &str| path.split('.').next() == Some(top.name) && !path.starts_with(FIELD);
         let rows: Vec<String> = keys
             .iter()

@@ -54,7 +54,7 @@ impl Graft<'_, '_> {
             Content::Variant(name, inner) if name == "Some" => *inner,
             _ => node,
         });
-        let entries = schema.below();
+        let entries = schema.children();
         match schema.kind() {
             ValueKind::Section => {
                 let key = find(&entries, step).ok_or_else(unknown)?;
@@ -63,8 +63,8 @@ impl Graft<'_, '_> {
                     Some(Node { content: Content::Fields(fields), place }) => (fields, place),
                     _ => (Vec::new(), place.clone()),
                 };
-                let of_key = |f: &Field| find(&entries, &f.key).is_some_and(|entry| entry.name == key.name);
-                let old = fields.iter().position(of_key).map(|i| fields.remove(i));
+                let is_key = |f: &Field| find(&entries, &f.key).is_some_and(|entry| entry.name == key.name);
+                let old = fields.iter().position(is_key).map(|i| fields.remove(i));
                 let value = self.below(old.map(|field| field.value), inner, depth + 1, value)?;
                 fields.push(Field { key: key.name.to_owned(), place, value });
                 Ok(Node { place: at, content: Content::Fields(fields) })
@@ -89,7 +89,7 @@ impl Graft<'_, '_> {
                 Ok(Node { place, content: Content::Variant(variant.name.to_owned(), Box::new(content)) })
             }
             ValueKind::List(_) | ValueKind::Tuple(_) => {
-                let inner = schema.step(step).and_then(|entry| entry.schema).ok_or_else(unknown)?;
+                let inner = schema.child(step).and_then(|entry| entry.schema).ok_or_else(unknown)?;
                 let index: usize = step.parse().map_err(|_| unknown())?;
                 let Some(Node { content: Content::Items(mut items), place: at }) = node else {
                     return Err(Problem::other(self.path, "there is no list at this path").at(&place));

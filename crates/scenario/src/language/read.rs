@@ -91,7 +91,7 @@ impl Walk<'_, '_> {
     }
 
     fn section(&mut self, node: &Node, fields: &[Field], schema: Schema<'_>, path: &str) -> Option<Value> {
-        let keys = schema.below();
+        let keys = schema.children();
         let mut section = Map::new();
         let mut given: Vec<&str> = Vec::new();
         for field in fields {
@@ -138,7 +138,7 @@ impl Walk<'_, '_> {
     }
 
     fn choice(&mut self, node: &Node, schema: Schema<'_>, path: &str) -> Option<Value> {
-        let variants = schema.below();
+        let variants = schema.children();
         let example = || {
             let mut examples = variants.iter().filter(|variant| variant.schema.is_some()).map(written);
             examples

@@ -123,7 +123,7 @@ impl<'a> Schema<'a> {
     }
 
     /// The keys of a section or the variants of a choice; for a list, of its items.
-    pub fn below(&self) -> Vec<Entry<'a>> {
+    pub fn children(&self) -> Vec<Entry<'a>> {
         let at = |site| Schema::at(self.root, site);
         let properties =
             |node: &'a Value| node.get("properties").and_then(Value::as_object).into_iter().flatten();
@@ -155,13 +155,13 @@ impl<'a> Schema<'a> {
                     None => one(self.node),
                 }
             }
-            ValueKind::List(item) => item.below(),
+            ValueKind::List(item) => item.children(),
             _ => Vec::new(),
         }
     }
 
     /// The key, variant or item with this name.
-    pub fn step(&self, name: &str) -> Option<Entry<'a>> {
+    pub fn child(&self, name: &str) -> Option<Entry<'a>> {
         if let Ok(i) = name.parse::<usize>() {
             let item = match self.kind() {
                 ValueKind::List(item) => Some(item),
@@ -175,13 +175,13 @@ impl<'a> Schema<'a> {
                 site: item.site,
             });
         }
-        self.below().into_iter().find(|entry| entry.name == name)
+        self.children().into_iter().find(|entry| entry.name == name)
     }
 
     /// The key or variant at a path.
     pub fn find(&self, path: &str) -> Option<Entry<'a>> {
         let root = Entry { name: "", is_variant: false, schema: Some(*self), site: self.site };
-        path.split('.').try_fold(root, |entry, step| entry.schema?.step(step))
+        path.split('.').try_fold(root, |entry, step| entry.schema?.child(step))
     }
 
     /// The required keys of a section.
@@ -205,7 +205,7 @@ impl<'a> Schema<'a> {
         let inner = if let ValueKind::List(item) = self.kind() { item } else { *self };
         let again =
             !std::ptr::eq(inner.node, self.node) && above.iter().any(|n| std::ptr::eq(*n, inner.node));
-        for entry in if again { Vec::new() } else { self.below() } {
+        for entry in if again { Vec::new() } else { self.children() } {
             let path = joined(path, entry.name);
             keys.push((path.clone(), entry));
             if let Some(schema) = entry.schema {
@@ -221,7 +221,7 @@ impl<'a> Schema<'a> {
             .find(parent)
             .or_else(|| parent.is_empty().then(|| self.as_entry()))
             .map_or_else(Vec::new, |entry| {
-                entry.schema.map_or_else(Vec::new, |schema| schema.below().iter().map(|e| e.name).collect())
+                entry.schema.map_or_else(Vec::new, |schema| schema.children().iter().map(|e| e.name).collect())
             });
         if let Some(near) = nearest(name, names.iter().copied()) {
             return Some(format!("did you mean `{near}`?"));
@@ -307,7 +307,7 @@ impl<'a> Schema<'a> {
         };
         match self.kind() {
             ValueKind::Section => "values in parentheses".to_owned(),
-            ValueKind::Choice => one_of(self.below().iter().map(|entry| entry.name.to_owned())),
+            ValueKind::Choice => one_of(self.children().iter().map(|entry| entry.name.to_owned())),
             ValueKind::List(_) => "a list in square brackets".to_owned(),
             ValueKind::Tuple(items) => format!("{} values in parentheses", items.len()),
             ValueKind::Number => number("number"),

@@ -30,11 +30,11 @@ pub(crate) fn sample(schema: Schema<'_>) -> Option<Value> {
     Some(match schema.kind() {
         ValueKind::Section => {
             let required =
-                schema.required().map(|key| Some((key.to_owned(), sample(schema.step(key)?.schema?)?)));
+                schema.required().map(|key| Some((key.to_owned(), sample(schema.child(key)?.schema?)?)));
             Value::Object(required.collect::<Option<_>>()?)
         }
         ValueKind::Choice => {
-            let first = *schema.below().first()?;
+            let first = *schema.children().first()?;
             match first.schema {
                 None => first.name.into(),
                 Some(inner) => Value::Object([(first.name.to_owned(), sample(inner)?)].into_iter().collect()),
@@ -57,7 +57,7 @@ pub(crate) fn sample(schema: Schema<'_>) -> Option<Value> {
 }
 
 fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth: usize, is_out: bool) {
-    for entry in schema.below() {
+    for entry in schema.children() {
         let Some(inner) = entry.schema else { continue };
         let value = values.and_then(|values| values.get(entry.name)).filter(|value| !value.is_null());
         let follows = entry.attribute("x-default").is_some() || inner.is_optional() && depth > 2;
@@ -78,8 +78,8 @@ fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth:
         };
         let variant = written.as_object().and_then(|one| one.iter().next());
         let variant = variant.filter(|_| matches!(inner.kind(), ValueKind::Choice));
-        let of_variant = variant.and_then(|(name, value)| Some((name, value, inner.step(name)?.schema?)));
-        match (inner.kind(), of_variant) {
+        let variant_value = variant.and_then(|(name, value)| Some((name, value, inner.child(name)?.schema?)));
+        match (inner.kind(), variant_value) {
             (ValueKind::Section, _) => content(text, inner, &written, ""),
             (_, Some((name, value, schema))) if matches!(schema.kind(), ValueKind::Section) => {
                 content(text, schema, value, name);
@@ -111,7 +111,7 @@ fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize,
     let facts: Vec<String> = [range, default].into_iter().filter(|fact| !fact.is_empty()).collect();
     let facts = if facts.is_empty() { String::new() } else { format!(" [{}]", facts.join("; ")) };
     comment(text, &indent, "", &(entry.meaning() + &facts));
-    let variants = if let ValueKind::Choice = schema.kind() { schema.below() } else { Vec::new() };
+    let variants = if let ValueKind::Choice = schema.kind() { schema.children() } else { Vec::new() };
     if variants.len() > MAX_VARIANTS {
         let names: Vec<&str> = variants.iter().map(|variant| variant.name).collect();
         comment(text, &indent, "  ", &format!("One of {}.", names.join(", ")));

@@ -137,7 +137,7 @@ fn around(path: &str) -> (Node, String) {
     for step in path.split('.') {
         let before = (!at.is_empty()).then(|| scenario().find(&at).unwrap().schema.unwrap());
         if let Some(ValueKind::List(item)) = before.map(|schema| schema.kind()) {
-            let content = item.step(step).unwrap().schema.and_then(sample).unwrap();
+            let content = item.child(step).unwrap().schema.and_then(sample).unwrap();
             let item = Value::Object([(step.to_owned(), content)].into_iter().collect());
             whole = put(whole, &at, before.unwrap(), &Value::Array(vec![item]));
             at += ".0";

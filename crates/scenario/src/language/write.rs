@@ -35,13 +35,13 @@ pub fn ron(value: &Value, schema: Schema<'_>) -> String {
         (_, Value::Null) => "None".to_owned(),
         (ValueKind::Choice, Value::String(name)) => name.clone(),
         (ValueKind::Choice, Value::Object(one)) => one.iter().fold(String::new(), |_, (name, content)| {
-            let inner = schema.step(name).and_then(|entry| entry.schema);
+            let inner = schema.child(name).and_then(|entry| entry.schema);
             let content = inner.map_or_else(String::new, |inner| ron(content, inner));
             if content.starts_with('(') { format!("{name}{content}") } else { format!("{name}({content})") }
         }),
         (ValueKind::Section, Value::Object(fields)) => {
             let field = |(key, value): (&String, &Value)| {
-                let inner = schema.step(key)?.schema?;
+                let inner = schema.child(key)?.schema?;
                 (!value.is_null() || inner.attribute("x-infinite").is_some())
                     .then(|| format!("{key}: {}", ron(value, inner)))
             };

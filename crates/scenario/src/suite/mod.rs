@@ -149,13 +149,13 @@ impl Suite {
         let mut cases = Vec::new();
         for (track, ladders) in self.spec.tracks.iter().zip(&self.rungs) {
             for (ladder, rungs) in track.ladders.iter().zip(ladders) {
-                let of_size = ladder.sizes.as_ref().unwrap_or(&track.sizes).of(size);
+                let size_spec = ladder.sizes.as_ref().unwrap_or(&track.sizes).of(size);
                 for rung in rungs {
                     if ladder.only(size).is_some_and(|only| !only.contains(&rung.name)) {
                         continue;
                     }
                     let mut spec = rung.spec.clone();
-                    for assigned in &of_size.set {
+                    for assigned in &size_spec.set {
                         let Assignment { path, value } = assigned.parse()?;
                         spec = set(&spec, &path, &value)?;
                     }
@@ -181,7 +181,7 @@ impl Suite {
                         name: rung.name.clone(),
                         axes: rung.axes.clone(),
                         rules,
-                        counts: [of_size.train, of_size.val, of_size.test],
+                        counts: [size_spec.train, size_spec.val, size_spec.test],
                         spec,
                         inputs: rung.inputs.clone(),
                     });

@@ -40,21 +40,21 @@ pub(super) fn parse(text: &str, name: &str, folder: &Path) -> Result<Suite> {
     named(&spec, &tree, &mut problems);
     let mut rungs = Vec::new();
     for (t, track) in spec.tracks.iter().enumerate() {
-        let mut of_track: Vec<Vec<Rung>> = Vec::new();
+        let mut track_rungs: Vec<Vec<Rung>> = Vec::new();
         for (l, ladder) in track.ladders.iter().enumerate() {
             let at = format!("tracks.{t}.ladders.{l}");
             let found = rungs_of(ladder, &at, folder, &tree, &mut problems);
             for (i, rung) in found.iter().enumerate() {
-                if of_track.iter().flatten().chain(&found[..i]).any(|other| other.name == rung.name) {
+                if track_rungs.iter().flatten().chain(&found[..i]).any(|other| other.name == rung.name) {
                     let message = format!("case `{}` occurs twice in track {}", rung.name, track.name);
                     problems.push(Problem::other(&at, message).at(&tree.find(&at).0));
                 }
             }
             chosen(ladder, &at, &found, &tree, &mut problems);
-            of_track.push(found);
+            track_rungs.push(found);
         }
-        changes(&spec, t, &of_track, &tree, &mut problems);
-        rungs.push(of_track);
+        changes(&spec, t, &track_rungs, &tree, &mut problems);
+        rungs.push(track_rungs);
     }
     problems.finish()?;
     Ok(Suite { spec, folder: folder.to_owned(), is_shipped: false, rungs, _unpacked: None })

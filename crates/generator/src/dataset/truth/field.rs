@@ -151,14 +151,14 @@ fn pairs<'a>(
             (0..across * down).into_par_iter().map(|i| truth.column(place(i), interval)).collect();
         let planes = nodes.planes_um.iter().enumerate();
         let rows = planes.flat_map(|(plane, z_um)| {
-            let of_plane = move |(i, column): (usize, &NodeColumn)| {
+            let plane_nodes = move |(i, column): (usize, &NodeColumn)| {
                 let ((x_px, y_px), z_um) = (place(i), *z_um);
                 column.row(
                     plane,
                     FieldRow { pair, plane: plane as u32, x_px, y_px, z_um, ..FieldRow::default() },
                 )
             };
-            columns.iter().enumerate().map(of_plane)
+            columns.iter().enumerate().map(plane_nodes)
         });
         rows.collect()
     })

@@ -24,7 +24,7 @@ use storage::dataset::{
 };
 use storage::{OutputFolder, Result};
 pub use viewer::rendered;
-pub(crate) use viewer::{Sight, View, Viewer};
+pub(crate) use viewer::{SeenTracer, View, Viewer};
 
 /// The table of tracks with the columns of this scenario.
 pub fn tracks(scenario: &Scenario) -> Table {
@@ -154,25 +154,26 @@ impl<'a> Truth<'a> {
     /// The truth of a frame, with displacements from the previous frame if the two are linked.
     pub fn frame(&self, frame: &Frame, before: Option<&Frame>) -> Result<FrameTruth> {
         let scenario = self.scenario;
-        let View { energy, sights, rendered } = self.viewer.view(frame);
+        let View { energy, seen_tracers, rendered } = self.viewer.view(frame);
         let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
-        let rows: Vec<_> = sights.iter().map(|sight| sight.rows.clone()).collect();
+        let rows: Vec<_> = seen_tracers.iter().map(|seen_tracer| seen_tracer.rows.clone()).collect();
         let mut total = self.totals.get();
         let wanted = &scenario.spec.truth;
         let share = wanted.boxes.then_some(wanted.box_share);
         let seen = visibility(&self.noise_free, &self.sensor, size_px, &rendered, &rows, share, &mut total);
         drop(total);
         let next_s = self.next_s(frame);
-        let seen_by = sights.par_iter().zip(&seen).with_min_len(TRACERS_PER_TASK);
-        let tracks = seen_by.clone().map(|(sight, seen)| {
-            let midway = self.midway(sight.tracer, frame, next_s)?;
-            Ok(self.track(frame, sight, midway, &seen.visibility))
+        let seen_by = seen_tracers.par_iter().zip(&seen).with_min_len(TRACERS_PER_TASK);
+        let tracks = seen_by.clone().map(|(seen_tracer, seen)| {
+            let midway = self.midway(seen_tracer.tracer, frame, next_s)?;
+            Ok(self.track(frame, seen_tracer, midway, &seen.visibility))
         });
         let tracks = tracks.collect::<Result<_>>()?;
-        let boxes =
-            seen_by.filter_map(|(sight, seen)| Some(box_row(scenario, frame, sight, seen.outline.as_ref()?)));
-        let shining = sights.iter().filter(|sight| !sight.rows.is_empty()).count();
-        let visible = sights.iter().filter(|sight| sight.visible).count();
+        let boxes = seen_by.filter_map(|(seen_tracer, seen)| {
+            Some(box_row(scenario, frame, seen_tracer, seen.outline.as_ref()?))
+        });
+        let shining = seen_tracers.iter().filter(|seen_tracer| !seen_tracer.rows.is_empty()).count();
+        let visible = seen_tracers.iter().filter(|seen_tracer| seen_tracer.visible).count();
         let displacements = match (before, scenario.recordings.link_to(frame.index)) {
             (Some(before), Some(pair)) => self.displacements(pair, before, frame),
             _ => Vec::new(),
@@ -182,7 +183,7 @@ impl<'a> Truth<'a> {
             tracks,
             displacements,
             boxes: if wanted.boxes { boxes.collect() } else { Vec::new() },
-            light: sights.iter().map(|sight| sight.light).sum(),
+            light: seen_tracers.iter().map(|seen_tracer| seen_tracer.light).sum(),
             particles: rendered,
         })
     }
@@ -203,8 +204,14 @@ impl<'a> Truth<'a> {
         }
     }
 
-    fn track(&self, frame: &Frame, sight: &Sight, midway: Option<DVec3>, seen: &Visibility) -> TrackRow {
-        let Sight { tracer, particle, visible, ref rows, light } = *sight;
+    fn track(
+        &self,
+        frame: &Frame,
+        seen_tracer: &SeenTracer,
+        midway: Option<DVec3>,
+        seen: &Visibility,
+    ) -> TrackRow {
+        let SeenTracer { tracer, particle, visible, ref rows, light } = *seen_tracer;
         let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
         let at = tracer.position;
         // NaN for a recorded track that is in this frame only.
@@ -319,7 +326,7 @@ impl<'a> Truth<'a> {
 }
 
 /// The row of boxes.csv of a particle image.
-fn box_row(scenario: &Scenario, frame: &Frame, sight: &Sight, outline: &Outline) -> BoxRow {
+fn box_row(scenario: &Scenario, frame: &Frame, seen_tracer: &SeenTracer, outline: &Outline) -> BoxRow {
     let settings = &scenario.settings;
     let pixels = settings.pixel_dim_x as usize * settings.pixel_dim_y as usize;
     // Pixels are counted from 1; a box of one pixel has its middle in that pixel.
@@ -327,16 +334,16 @@ fn box_row(scenario: &Scenario, frame: &Frame, sight: &Sight, outline: &Outline)
     let ((left, top), (width, height)) = (outline.corner, outline.size);
     BoxRow {
         frame: frame.index,
-        track: sight.tracer.id,
+        track: seen_tracer.tracer.id,
         x_px: middle(left, width),
         y_px: middle(top, height),
         w_px: width as u32,
         h_px: height as u32,
         area_px: outline.area as u32,
-        z_um: sight.tracer.position.z,
-        class: size_class(scenario, sight.particle.d_um) as u32,
+        z_um: seen_tracer.tracer.position.z,
+        class: size_class(scenario, seen_tracer.particle.d_um) as u32,
         hidden: outline.hidden,
-        visible: sight.visible,
+        visible: seen_tracer.visible,
         mask: outline.mask.text(pixels),
     }
 }

@@ -23,13 +23,13 @@ pub(crate) struct View<'a> {
     /// Factor on the light of the frame: pulse energy and bleaching.
     pub energy: f64,
     /// All tracers, in the order of the frame.
-    pub(crate) sights: Vec<Sight<'a>>,
+    pub(crate) seen_tracers: Vec<SeenTracer<'a>>,
     /// The rows of the data file.
     pub rendered: Vec<Particle>,
 }
 
 /// A tracer and its particle in image coordinates.
-pub(crate) struct Sight<'a> {
+pub(crate) struct SeenTracer<'a> {
     pub tracer: &'a Tracer,
     pub particle: Particle,
     pub visible: bool,
@@ -46,9 +46,9 @@ pub fn rendered(scenario: &Scenario, renderer: &Renderer, frame: &Frame) -> Vec<
 
 impl Viewer<'_> {
     pub(crate) fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
-        let mut sights = Vec::with_capacity(frame.tracers.len());
-        let (energy, rendered) = self.each(frame, |sight| sights.push(sight));
-        View { energy, sights, rendered }
+        let mut seen_tracers = Vec::with_capacity(frame.tracers.len());
+        let (energy, rendered) = self.each(frame, |seen_tracer| seen_tracers.push(seen_tracer));
+        View { energy, seen_tracers, rendered }
     }
 
     /// The rows of a frame's data file.
@@ -58,14 +58,14 @@ impl Viewer<'_> {
 
     /// Calls `take` with each tracer of a frame; returns the factor on the light of the frame, and the rows
     /// of its data file.
-    fn each<'f>(&self, frame: &'f Frame, mut take: impl FnMut(Sight<'f>)) -> (f64, Vec<Particle>) {
+    fn each<'f>(&self, frame: &'f Frame, mut take: impl FnMut(SeenTracer<'f>)) -> (f64, Vec<Particle>) {
         let energy = self.energy(frame);
         let mut rendered = Vec::with_capacity(frame.tracers.len());
         for (i, tracer) in frame.tracers.iter().enumerate() {
             let (first, particle) = (rendered.len(), self.particle(tracer));
             let light = energy * self.rows(tracer, particle, frame.streaks.get(i), energy, &mut rendered);
             let (visible, rows) = (self.is_visible(&particle), first..rendered.len());
-            take(Sight { tracer, particle, visible, rows, light });
+            take(SeenTracer { tracer, particle, visible, rows, light });
         }
         (energy, rendered)
     }

@@ -27,7 +27,7 @@ impl Fineness {
     }
 
     /// The resolution of the image of a spheroid: finer than where refinement starts, as nothing refines it.
-    pub(super) fn of_spheroid(tolerance: f64) -> Fineness {
+    pub(super) fn for_spheroid(tolerance: f64) -> Fineness {
         Fineness(1.5 * libm::sqrt(1e-3 / tolerance).clamp(0.2, 4.0))
     }
 
@@ -138,7 +138,7 @@ impl pulp::WithSimd for SumSubapertures<'_> {
             if cells.len() >= CELLS {
                 subimages.add_all(&mut accumulator, &mut cells);
             }
-            let mut dither = Dither::of_ring(cell);
+            let mut dither = Dither::for_ring(cell);
             for part in first..last {
                 let sector = (part as f64 + 0.5) * steps.sectors as f64 / ring_cells as f64;
                 if let Some(place) = ring.place(pupil, z_um, surface, [cosine, sine]) {
@@ -166,7 +166,7 @@ impl Dither {
     const CELLS: [f64; 2] = [0.569_840_290_998_053_3, 0.414_213_562_373_095_1];
 
     /// The sequence of a ring.
-    fn of_ring(number: usize) -> Dither {
+    fn for_ring(number: usize) -> Dither {
         let [x, y] = Self::RINGS.map(|stride| number as f64 * stride);
         Dither([x - libm::floor(x), y - libm::floor(y)])
     }

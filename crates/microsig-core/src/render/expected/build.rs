@@ -39,18 +39,18 @@ const ATTEMPTS: usize = 4;
 pub(super) fn table(model: &Model, span: TableSpan) -> DepthTable {
     let fineness = model.fineness(span.middle_um(), span.radii.smallest());
     let part = 0.75 * model.tolerance;
-    let mut builder = TableBuilder { model, span, fineness, of_nodes: part, of_depths: part };
+    let mut builder = TableBuilder { model, span, fineness, node_error: part, depth_error: part };
     for _ in 1..ATTEMPTS {
         let (table, errors) = builder.table();
         if table.error <= model.tolerance {
             return table;
         }
-        if errors.of_resolution >= errors.of_depths.max(errors.of_nodes) {
+        if errors.resolution_error >= errors.depth_error.max(errors.node_error) {
             builder.fineness.0 *= 1.5;
-        } else if errors.of_depths >= errors.of_nodes {
-            builder.of_depths *= 0.5;
+        } else if errors.depth_error >= errors.node_error {
+            builder.depth_error *= 0.5;
         } else {
-            builder.of_nodes *= 0.5;
+            builder.node_error *= 0.5;
         }
     }
     builder.table().0
@@ -62,15 +62,15 @@ struct TableBuilder<'a> {
     span: TableSpan,
     fineness: Fineness,
     /// Errors allowed for the spacings of nodes and of planes, relative to the peak.
-    of_nodes: f64,
-    of_depths: f64,
+    node_error: f64,
+    depth_error: f64,
 }
 
 /// The parts of a table's error, relative to the peak.
 struct Errors {
-    of_resolution: f64,
-    of_nodes: f64,
-    of_depths: f64,
+    resolution_error: f64,
+    node_error: f64,
+    depth_error: f64,
 }
 
 impl TableBuilder<'_> {
@@ -88,9 +88,9 @@ impl TableBuilder<'_> {
             let more = self.model.reach(z_um, large);
             (0..2).for_each(|axis| reach_px[axis] = reach_px[axis].max(more[axis]));
         }
-        let (nodes, of_nodes) = self.nodes(small, large, reach_px);
-        let refinement = Refinement { deviation, allowed: self.of_depths, most_steps: MOST_STEPS };
-        let RefinedPlanes { depths, radii, planes, error: of_depths } =
+        let (nodes, node_error) = self.nodes(small, large, reach_px);
+        let refinement = Refinement { deviation, allowed: self.depth_error, most_steps: MOST_STEPS };
+        let RefinedPlanes { depths, radii, planes, error: depth_error } =
             refinement.table(self.span, STEPS, None, |z_um, radius| self.sample(z_um, radius, nodes));
         let (layout, coefficients) = self.coefficients(planes, nodes, depths);
         let planes = depths.steps + 3;
@@ -105,9 +105,9 @@ impl TableBuilder<'_> {
             coefficients,
             error: 0.0,
         };
-        let of_resolution;
-        (table.error, of_resolution) = self.errors(&table, nodes);
-        (table, Errors { of_resolution, of_nodes, of_depths })
+        let resolution_error;
+        (table.error, resolution_error) = self.errors(&table, nodes);
+        (table, Errors { resolution_error, node_error, depth_error })
     }
 
     /// The nodes at which images are computed, and the error of the spline over them: a quadrant so dense
@@ -125,7 +125,7 @@ impl TableBuilder<'_> {
             let found = (SampleNodes::Quadrant(quadrant), error);
             // At the ends of the depth range the tolerance itself is sufficient.
             let at_end = |share| self.spline_error(small, quadrant, share) <= self.model.tolerance;
-            if error <= self.of_nodes && at_end(0.0) && at_end(1.0) {
+            if error <= self.node_error && at_end(0.0) && at_end(1.0) {
                 return found;
             }
             last = Some(found);
@@ -169,14 +169,14 @@ impl TableBuilder<'_> {
                 let n = rings.columns;
                 // Azimuthal orders that no plane needs are omitted.
                 let needed = |order: usize| {
-                    let of_order = |plane: &Vec<f64>| {
+                    let is_lit = |plane: &Vec<f64>| {
                         let share = 0.4 * self.model.tolerance * peak(&plane[..n]);
                         measure(plane[order * n..][..n].iter().copied()) > share
                     };
-                    splines.iter().any(of_order)
+                    splines.iter().any(is_lit)
                 };
                 let orders = (1..AZIMUTHS).rev().find(|&order| needed(order)).map_or(1, |order| order + 1);
-                let layout = PlaneLayout::Radial(rings.of_orders(orders));
+                let layout = PlaneLayout::Radial(rings.with_orders(orders));
                 let length = layout.length();
                 (layout, splines.iter().flat_map(|plane| plane[..length].iter().map(|&v| v as f32)).collect())
             }
@@ -204,11 +204,11 @@ impl TableBuilder<'_> {
         let ours: Vec<f64> =
             nodes.places(z_um).into_iter().map(|[x, y]| table.layout.at(&plane, x, y)[0]).collect();
         let error = deviation(&ours, &truth);
-        let of_resolution = if error > self.model.tolerance {
+        let resolution_error = if error > self.model.tolerance {
             deviation(&self.sample(z_um, radius_um, nodes), &truth)
         } else {
             0.0
         };
-        (error, of_resolution)
+        (error, resolution_error)
     }
 }

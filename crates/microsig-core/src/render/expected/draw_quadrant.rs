@@ -83,16 +83,16 @@ impl QuadrantInterpolator {
         rows: &std::ops::Range<usize>,
         line: usize,
     ) {
-        let of_rows = rows.start * layout.row()..rows.end * layout.row();
-        self.nodes.resize(of_rows.len(), 0.0);
+        let row_chunks = rows.start * layout.row()..rows.end * layout.row();
+        self.nodes.resize(row_chunks.len(), 0.0);
         for (size, four) in
             sphere.table.planes_around(sphere.z_um, sphere.radius_um, sphere.at_px()).enumerate()
         {
             let weights: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
-            let a = &four[0].coefficients[of_rows.clone()];
-            let b = &four[1].coefficients[of_rows.clone()];
-            let c = &four[2].coefficients[of_rows.clone()];
-            let d = &four[3].coefficients[of_rows.clone()];
+            let a = &four[0].coefficients[row_chunks.clone()];
+            let b = &four[1].coefficients[row_chunks.clone()];
+            let c = &four[2].coefficients[row_chunks.clone()];
+            let d = &four[3].coefficients[row_chunks.clone()];
             let planes = a.iter().zip(b).zip(c.iter().zip(d));
             let sums = planes.map(|((a, b), (c, d))| {
                 (weights[0] * a + weights[1] * b) + (weights[2] * c + weights[3] * d)
@@ -112,10 +112,10 @@ impl QuadrantInterpolator {
             4 => join_all::<4>(nodes, &mut self.lines, layout.per_px),
             5 => join_all::<5>(nodes, &mut self.lines, layout.per_px),
             run => {
-                let of_rows = nodes.chunks_exact(layout.per_px * run);
-                for (nodes, lines) in of_rows.zip(self.lines.chunks_exact_mut(layout.per_px * line)) {
-                    let of_phases = nodes.chunks_exact(run).enumerate();
-                    of_phases.for_each(|(phase, nodes)| join(nodes, lines, line, phase));
+                let row_chunks = nodes.chunks_exact(layout.per_px * run);
+                for (nodes, lines) in row_chunks.zip(self.lines.chunks_exact_mut(layout.per_px * line)) {
+                    let phases = nodes.chunks_exact(run).enumerate();
+                    phases.for_each(|(phase, nodes)| join(nodes, lines, line, phase));
                 }
             }
         }
@@ -127,8 +127,8 @@ impl QuadrantInterpolator {
 #[inline(always)]
 fn join_all<const RUN: usize>(nodes: &[Group], lines: &mut [f32], per_px: usize) {
     let line = (BEFORE + BEHIND + 2 * RUN) * LANES;
-    let of_rows = nodes.as_chunks::<RUN>().0.chunks_exact(per_px);
-    for (nodes, lines) in of_rows.zip(lines.chunks_exact_mut(per_px * line)) {
+    let row_chunks = nodes.as_chunks::<RUN>().0.chunks_exact(per_px);
+    for (nodes, lines) in row_chunks.zip(lines.chunks_exact_mut(per_px * line)) {
         for (phase, nodes) in nodes.iter().enumerate() {
             join(nodes, lines, line, phase);
         }
@@ -246,8 +246,8 @@ impl Panel<'_> {
         values[dark * columns..].fill(0.0);
 
         let Across { line, starts, weights } = *self.across;
-        let of_rows = values.chunks_exact_mut(columns).zip(lines.chunks_exact(self.per_px * line));
-        for (values, lines) in of_rows {
+        let row_chunks = values.chunks_exact_mut(columns).zip(lines.chunks_exact(self.per_px * line));
+        for (values, lines) in row_chunks {
             let a = &lines[starts[0] + self.start..][..columns];
             let b = &lines[starts[1] + self.start..][..columns];
             let c = &lines[starts[2] + self.start..][..columns];

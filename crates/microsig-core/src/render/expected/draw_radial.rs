@@ -98,11 +98,11 @@ impl RadialInterpolator {
         for four in sphere.table.planes_around(sphere.z_um, sphere.radius_um, sphere.at_px()) {
             let w: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
             for (order, line) in self.lines.chunks_exact_mut(length).enumerate() {
-                let of_order = order * columns..(order + 1) * columns;
-                let a = &four[0].coefficients[of_order.clone()];
-                let b = &four[1].coefficients[of_order.clone()];
-                let c = &four[2].coefficients[of_order.clone()];
-                let d = &four[3].coefficients[of_order];
+                let order_range = order * columns..(order + 1) * columns;
+                let a = &four[0].coefficients[order_range.clone()];
+                let b = &four[1].coefficients[order_range.clone()];
+                let c = &four[2].coefficients[order_range.clone()];
+                let d = &four[3].coefficients[order_range];
                 for ((((out, a), b), c), d) in line[1..=columns].iter_mut().zip(a).zip(b).zip(c).zip(d) {
                     *out += (w[0] * a + w[1] * b) + (w[2] * c + w[3] * d);
                 }
@@ -116,8 +116,8 @@ impl RadialInterpolator {
     fn solve(&mut self, orders: usize) {
         let length = self.lines.len() / orders;
         self.quadratics.resize(orders * (length - 2), Quadratic::default());
-        let of_orders = self.quadratics.chunks_exact_mut(length - 2);
-        for (line, out) in self.lines.chunks_exact(length).zip(of_orders) {
+        let order_chunks = self.quadratics.chunks_exact_mut(length - 2);
+        for (line, out) in self.lines.chunks_exact(length).zip(order_chunks) {
             for (out, near) in out.iter_mut().zip(line.windows(3)) {
                 let ends = near[0] + near[2];
                 *out = [0.125 * ends + 0.75 * near[1], 0.5 * (near[2] - near[0]), 0.5 * ends - near[1], 0.0];
@@ -164,9 +164,9 @@ impl Batch {
         }
         self.near.resize(n, Quadratic::default());
         let (beyond, cos4) = (self.beyond.as_flattened(), self.cos4.as_flattened());
-        for (order, of_order) in quadratics.chunks_exact(per_order).enumerate().take(orders).rev() {
+        for (order, order_range) in quadratics.chunks_exact(per_order).enumerate().take(orders).rev() {
             for (near, &node) in self.near.iter_mut().zip(self.nodes.as_flattened()) {
-                *near = of_order[node as usize];
+                *near = order_range[node as usize];
             }
             // Clenshaw summation of the orders; in its last step cos 4 psi is not doubled.
             let twice = if order == 0 { 1.0 } else { 2.0 };

@@ -42,11 +42,11 @@ pub(super) fn encircled(
     z_um: f64,
     radius_um: f64,
     rings: usize,
-    (fineness, of_meridians): (Fineness, f64),
+    (fineness, meridian_fineness): (Fineness, f64),
     instructions: InstructionSet,
 ) -> Vec<f64> {
     let Fineness(fine) = fineness;
-    let meridians = meridians(Fineness(of_meridians * fine), pupil.image_px(z_um, radius_um));
+    let meridians = meridians(Fineness(meridian_fineness * fine), pupil.image_px(z_um, radius_um));
     let distance = pupil.distance(z_um);
     let mut histogram = RadialHistogram::new(rings);
     for segment in segments(pupil, z_um, radius_um, rings as f64 / ANNULI_PER_PX as f64, fineness) {
@@ -151,8 +151,9 @@ impl pulp::WithSimd for Spread<'_> {
         let by_slope_x = column(|view| view.by_slope[0][0]);
         let by_slope_y = column(|view| view.by_slope[1][1]);
         let landing = column(|view| view.landing[0]);
-        let of_q: Vec<f64> = by_slope_x.iter().zip(&segment.nodes).map(|(by, (q, _))| by * q).collect();
-        let start: Vec<f64> = landing.iter().zip(&of_q).map(|(x, of_q)| x - of_q / distance).collect();
+        let q_slopes: Vec<f64> = by_slope_x.iter().zip(&segment.nodes).map(|(by, (q, _))| by * q).collect();
+        let start: Vec<f64> =
+            landing.iter().zip(&q_slopes).map(|(x, q_slopes)| x - q_slopes / distance).collect();
         let middle: Vec<f64> = segment.nodes.windows(2).map(|pair| 0.5 * (pair[0].0 + pair[1].0)).collect();
         let turn = 2.0 * std::f64::consts::PI / meridians as f64;
         let area: Vec<f64> = segment
@@ -171,7 +172,7 @@ impl pulp::WithSimd for Spread<'_> {
             let (e2, e3) = (offset * cosine, offset * sine);
             let per = 1.0 / (distance + e1);
             for i in 0..radii.len() {
-                let x = start[i] + (of_q[i] - by_slope_x[i] * e2) * per;
+                let x = start[i] + (q_slopes[i] - by_slope_x[i] * e2) * per;
                 let y = by_slope_y[i] * e3 * per;
                 radii[i] = (x * x + y * y).sqrt();
             }

@@ -224,7 +224,7 @@ impl ImageModel for Rays {
         out.push(Source { at: *particle, light: factor * rays, is_direct });
     }
 
-    fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>) {
+    fn table_spheres(&self, particle: &Particle, out: &mut Vec<Particle>) {
         out.extend((!self.is_spheroid(particle)).then_some(*particle));
     }
 

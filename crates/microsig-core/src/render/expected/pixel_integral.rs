@@ -39,8 +39,8 @@ pub(super) fn orders(azimuths: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let nodes = azimuths.first().map_or(0, Vec::len);
     let mut orders = vec![vec![0.0; nodes]; AZIMUTHS];
     for node in 0..nodes {
-        let of_node = harmonics(std::array::from_fn(|azimuth| azimuths[azimuth][node]));
-        orders.iter_mut().zip(of_node).for_each(|(order, value)| order[node] = value);
+        let node_harmonics = harmonics(std::array::from_fn(|azimuth| azimuths[azimuth][node]));
+        orders.iter_mut().zip(node_harmonics).for_each(|(order, value)| order[node] = value);
     }
     orders
 }
@@ -75,9 +75,9 @@ impl AnnulusShares {
                 shares.push(std::array::from_fn(|i| {
                     let ring = first + i;
                     let within = area(ring + 1);
-                    let of_ring =
+                    let ring_area =
                         (2 * ring + 1) as f64 * std::f64::consts::PI / (ANNULI_PER_PX * ANNULI_PER_PX) as f64;
-                    let share = (within - inside) / of_ring;
+                    let share = (within - inside) / ring_area;
                     inside = within;
                     share as f32
                 }));

@@ -56,7 +56,7 @@ impl RadialLayout {
     }
 
     /// The same with this number of azimuthal orders.
-    pub(super) fn of_orders(self, orders: usize) -> RadialLayout {
+    pub(super) fn with_orders(self, orders: usize) -> RadialLayout {
         RadialLayout { orders, ..self }
     }
 
@@ -121,12 +121,12 @@ impl RadialLayout {
 /// The azimuthal orders of values given by azimuth and radius, as coefficients of quadratic splines along the
 /// radius.
 pub(super) fn round_spline(values: &[f64], columns: usize) -> Vec<f64> {
-    let of_nodes: Vec<[f64; AZIMUTHS]> = (0..columns)
+    let node_harmonics: Vec<[f64; AZIMUTHS]> = (0..columns)
         .map(|k| pixel_integral::harmonics(std::array::from_fn(|azimuth| values[azimuth * columns + k])))
         .collect();
     (0..AZIMUTHS)
         .flat_map(|order| {
-            let mut line: Vec<f64> = of_nodes.iter().map(|harmonics| harmonics[order]).collect();
+            let mut line: Vec<f64> = node_harmonics.iter().map(|harmonics| harmonics[order]).collect();
             spline::even_spline(&mut line, SplineDegree::Two);
             line
         })

@@ -28,7 +28,7 @@ pub(super) fn patch(
     particle: &Particle,
     window: Window,
 ) -> Vec<f32> {
-    let fineness = Fineness::of_spheroid(model.tolerance);
+    let fineness = Fineness::for_spheroid(model.tolerance);
     let all = emission::surface_points(settings, particle);
     let n = if fineness.is_coarse() { all.min(COARSE_POINTS) } else { all };
     let surface = surface(n, law, particle);

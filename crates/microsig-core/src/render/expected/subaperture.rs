@@ -147,15 +147,15 @@ impl<'b> SubapertureImage<'b> {
         let (mut sums, mut other) = (buffers.get(), buffers.get());
         pixel_sums(&mut light, 1, fine, (&mut sums, &mut other));
 
-        let (mut images, mut of_phase) = (buffers.get(), buffers.get());
+        let (mut images, mut phase_image) = (buffers.get(), buffers.get());
         for phase in 0..phases {
-            of_phase.clear();
+            phase_image.clear();
             for (row, line) in light.chunks_exact(wide).enumerate() {
-                of_phase.extend(line.iter().skip(phase).step_by(phases));
-                of_phase.resize((row + 1) * columns, 0.0);
+                phase_image.extend(line.iter().skip(phase).step_by(phases));
+                phase_image.resize((row + 1) * columns, 0.0);
             }
-            pixel_sums(&mut of_phase, columns, fine, (&mut sums, &mut other));
-            images.extend_from_slice(&of_phase[before * columns..][..high * columns]);
+            pixel_sums(&mut phase_image, columns, fine, (&mut sums, &mut other));
+            images.extend_from_slice(&phase_image[before * columns..][..high * columns]);
             // Rows beyond the last are dark.
             images.resize((phase + 1) * rows * phases * columns, 0.0);
         }
@@ -202,12 +202,12 @@ fn pixel_sums(values: &mut [f32], stride: usize, fine: usize, (sums, other): (&m
     let (inside, outside) = (0.5 * whole, (end - 0.5) * whole);
     // Values at which both sums end within the line; those after them are dark.
     let (shift, count) = (fine / 2 * stride, n + 1 - (fine + 1) * stride);
-    let of_ends = values.iter().zip(&values[fine * stride..]);
-    let of_sums = sums.iter().zip(&sums[stride..]);
+    let ends = values.iter().zip(&values[fine * stride..]);
+    let sum_pairs = sums.iter().zip(&sums[stride..]);
     other[..shift].fill(0.0);
     other[shift + count..].fill(0.0);
     let out = other[shift..][..count].iter_mut();
-    for ((out, (first, last)), (a, b)) in out.zip(of_ends).zip(of_sums) {
+    for ((out, (first, last)), (a, b)) in out.zip(ends).zip(sum_pairs) {
         *out = inside * (a + b) + outside * (first + last);
     }
     values.copy_from_slice(other);

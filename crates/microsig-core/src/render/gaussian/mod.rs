@@ -211,9 +211,9 @@ impl Render for GaussianRenderer {
         let across = accumulate::shares(window.x0 as f64 - 0.5 - particle.x_px, window.width, per_px);
         let down = accumulate::shares(window.y0 as f64 - 0.5 - particle.y_px, window.height, per_px);
         let mut counts = Vec::with_capacity(window.area());
-        for of_row in &down {
-            let factor = light * of_row;
-            counts.extend(across.iter().map(|of_column| factor * of_column));
+        for row_share in &down {
+            let factor = light * row_share;
+            counts.extend(across.iter().map(|column_share| factor * column_share));
         }
         Some(ExpectedPatch { window, counts })
     }

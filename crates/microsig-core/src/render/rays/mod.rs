@@ -323,8 +323,8 @@ impl Render for RayRenderer {
         let Settings { numerical_aperture: na, focal_length, magnification, .. } = self.settings;
         let distance = focal_length * (1.0 + 1.0 / magnification);
         // The source points of a sphere, on the half that faces the lens, are nearer by half its radius.
-        let of_points = distance + particle.z_um - 0.25 * particle.d_um;
-        let tangent = na / (1.0 - na * na).sqrt() * distance / of_points;
+        let to_points = distance + particle.z_um - 0.25 * particle.d_um;
+        let tangent = na / (1.0 - na * na).sqrt() * distance / to_points;
         let share = 1.0 - 1.0 / (1.0 + tangent * tangent).sqrt();
         Some(emission::emitted_rays(&self.settings, particle) * share)
     }

@@ -44,7 +44,7 @@ pub(super) const SHARE: f64 = 0.4;
 const MIN_SHARE: f64 = 0.005;
 
 /// The input for building a table.
-pub(super) struct Draft<'a> {
+pub(super) struct TableBuilder<'a> {
     pub(super) model: &'a Model,
     pub(super) span: TableSpan,
     /// Maximum distance of pixels from a particle's image along x and y, px.
@@ -62,7 +62,7 @@ const OF_FIELD: f64 = 0.5;
 /// Places between the nodes where it is measured, in units of half the field from its center.
 const BETWEEN: [[f64; 2]; 5] = [[0.53, 0.31], [-0.86, 0.79], [0.18, -0.91], [-0.47, -0.62], [0.93, -0.36]];
 
-impl Draft<'_> {
+impl TableBuilder<'_> {
     pub(super) fn table(&self) -> Table {
         let mut share = SHARE;
         let mut table = self.widened(self.edges());
@@ -70,7 +70,7 @@ impl Draft<'_> {
         while table.error > self.model.tolerance && share > MIN_SHARE {
             share *= 0.25;
             let model = self.model.with_share(share * self.model.tolerance, 1.0);
-            let again = Draft { model: &model, ..*self }.widened(table.layout.edge_px);
+            let again = TableBuilder { model: &model, ..*self }.widened(table.layout.edge_px);
             let helped = again.error < 0.8 * table.error;
             if again.error < table.error {
                 table = again;
@@ -245,9 +245,9 @@ impl Draft<'_> {
         let refined = refinement.table(self.span, STEPS, Some(first), |z_um, radius_um| {
             model.plane(&model.light(frame, z_um, radius_um), &exposure)
         });
-        let (field, refined, of_field) = self.over_field(refined, frame, &exposure);
+        let (field, refined, field_error) = self.over_field(refined, frame, &exposure);
         let mut table = self.assemble(refined, field, frame.scope.edge_px, &exposure);
-        table.error = self.error(&table).max(of_field);
+        table.error = self.error(&table).max(field_error);
         table
     }
 
@@ -281,15 +281,15 @@ impl Draft<'_> {
         let deviates = |nodes: &FieldNodes| {
             let known: Vec<Vec<Vec<f64>>> =
                 nodes.places_px().into_iter().map(|at_px| planes_at(at_px, &ends)).collect();
-            let of_place = |(at_px, truth): &([f64; 2], Vec<Vec<f64>>)| {
+            let place_error = |(at_px, truth): &([f64; 2], Vec<Vec<f64>>)| {
                 let weights = nodes.weights(*at_px);
-                let of_end = |end: usize| {
+                let end_error = |end: usize| {
                     let planes = weights.iter().copied().zip(known.iter().map(|planes| &planes[end]));
                     deviation(&blend(planes), &truth[end])
                 };
-                of_end(0).max(of_end(1))
+                end_error(0).max(end_error(1))
             };
-            between.iter().map(of_place).fold(0.0, f64::max)
+            between.iter().map(place_error).fold(0.0, f64::max)
         };
         let allowed = OF_FIELD * self.model.tolerance;
         let mut nodes = nodes_of(1);
@@ -394,19 +394,19 @@ impl Draft<'_> {
         let RefinedPlanes { depths, radii, mut planes, .. } = refined;
         let layout = &exposure.layout;
         let steps = depths.steps;
-        let of_one = depths.planes();
+        let per_size = depths.planes();
         // The extent at each depth is the maximum over all sizes.
-        let reaches: Vec<[f64; 2]> = (0..of_one)
+        let reaches: Vec<[f64; 2]> = (0..per_size)
             .map(|i| {
-                let of_sizes = planes.chunks(of_one).map(|of_size| self.reach(&of_size[i], exposure));
-                of_sizes.fold([0.0f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])])
+                let size_reaches = planes.chunks(per_size).map(|size_planes| self.reach(&size_planes[i], exposure));
+                size_reaches.fold([0.0f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])])
             })
             .collect();
-        for of_size in planes.chunks_mut(of_one) {
-            of_size.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, layout));
+        for size_planes in planes.chunks_mut(per_size) {
+            size_planes.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, layout));
         }
         let mut coefficients = vec![0.0f32; field.count() * radii.len() * (steps + 3) * layout.length()];
-        let windows = planes.chunks(of_one).flat_map(|of_size| of_size.windows(5));
+        let windows = planes.chunks(per_size).flat_map(|size_planes| size_planes.windows(5));
         for (five, out) in windows.zip(coefficients.chunks_exact_mut(layout.length())) {
             layout.store(&filtered(five), out, |value| value as f32);
         }
@@ -448,8 +448,8 @@ impl Draft<'_> {
             (0..nodes).map(|node| (reach_px[axis] + 0.5 - place_px(node)).clamp(0.0, 1.0)).collect()
         };
         let across = along(0, columns);
-        for (line, of_row) in plane.chunks_exact_mut(columns).zip(along(1, rows)) {
-            line.iter_mut().zip(&across).for_each(|(value, share)| *value *= of_row * share);
+        for (line, row_share) in plane.chunks_exact_mut(columns).zip(along(1, rows)) {
+            line.iter_mut().zip(&across).for_each(|(value, share)| *value *= row_share * share);
         }
     }
 

@@ -202,7 +202,7 @@ impl Setup<'_> {
         let (sin_turn, cos_turn) = libm::sincos(self.obstacles.turn);
         // Phases per um of image along X and Y are scalar products of sigma with these vectors, in the frame
         // of the cylindrical lens.
-        let (of_x, of_y) = ([cos_turn / bx, -sin_turn / by], [sin_turn / bx, cos_turn / by]);
+        let (x_direction, y_direction) = ([cos_turn / bx, -sin_turn / by], [sin_turn / bx, cos_turn / by]);
         let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
         let turned = |x: f64, y: f64| [x * cos_turn + y * sin_turn, y * cos_turn - x * sin_turn];
         let back = |x: f64, y: f64| [x * cos_turn - y * sin_turn, y * cos_turn + x * sin_turn];
@@ -214,7 +214,7 @@ impl Setup<'_> {
         };
         // Across rows and along them: conjugate radii of the squeezed disc, the second of constant phase with
         // respect to Y.
-        let across = squeezed(of_y);
+        let across = squeezed(y_direction);
         let length = libm::hypot(across[0], across[1]);
         let across = across.map(|v| v / length);
         let (down, along) = (squeezed(across), squeezed([across[1], -across[0]]));
@@ -224,30 +224,30 @@ impl Setup<'_> {
         // A centered disc is limited to the part of the pupil that is used.
         let radius = if centered { (disc.r * whole).min(pupil.sigma(self.end)) } else { disc.r * whole };
 
-        let (t, of_t) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, nt);
-        let (u, of_u) = gauss_legendre_on(0.0, 1.0, nu);
+        let (t, t_weight) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, nt);
+        let (u, u_weight) = gauss_legendre_on(0.0, 1.0, nu);
         let sign = if disc.open { 1.0 } else { -1.0 };
         let power = ax / bx - 1.0 / by;
         let mut nodes = Vec::with_capacity(nt * nu);
         let mut along_x = [(); 2].map(|()| vec![Panels::zeros(nu, padded); nt]);
         let mut middle_x = Vec::with_capacity(nt);
-        for (row, (t, of_t)) in t.iter().zip(&of_t).enumerate() {
+        for (row, (t, t_weight)) in t.iter().zip(&t_weight).enumerate() {
             let (sine_t, cosine_t) = libm::sincos(*t);
-            for (across, (u, of_u)) in u.iter().zip(&of_u).enumerate() {
-                let area = determinant * sign * radius * radius * cosine_t * cosine_t * of_t * of_u;
+            for (across, (u, u_weight)) in u.iter().zip(&u_weight).enumerate() {
+                let area = determinant * sign * radius * radius * cosine_t * cosine_t * t_weight * u_weight;
                 nodes.push([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(st, su)| {
                     let (v, w) = (radius * st * sine_t, radius * su * cosine_t * u);
                     let place =
                         [center[0] + v * down[0] + w * along[0], center[1] + v * down[1] + w * along[1]];
                     self.node(place, power, area)
                 }));
-                let step = k * radius * cosine_t * u * dot(of_x, along) * steps_um[0];
+                let step = k * radius * cosine_t * u * dot(x_direction, along) * steps_um[0];
                 let [cosines, sines] = &mut along_x;
                 set_multiples([&mut cosines[row], &mut sines[row]], across, step, padded);
             }
-            let of_center = dot(of_x, center);
-            let drift = radius * sine_t * dot(of_x, down);
-            middle_x.push([of_center + drift, of_center - drift].map(|angle| k * angle * steps_um[0]));
+            let center_angle = dot(x_direction, center);
+            let drift = radius * sine_t * dot(x_direction, down);
+            middle_x.push([center_angle + drift, center_angle - drift].map(|angle| k * angle * steps_um[0]));
         }
         let mut along_y = [Vec::new(), Vec::new()];
         for row in 0..half[1] {
@@ -258,7 +258,7 @@ impl Setup<'_> {
                 along_y[1].push(sine as f32);
             }
         }
-        let middle_y = k * dot(of_y, center) * steps_um[1];
+        let middle_y = k * dot(y_direction, center) * steps_um[1];
         Rows { t: nt, u: nu, nodes, along_x, along_y, middle_x, middle_y }
     }
 
@@ -320,9 +320,9 @@ impl Rows {
             matrix::multiply(instructions, &differences[left], &sines[t], &mut odd);
             let turns = self.middle_x[t].map(|angle| PhaseFactors::new(angle, general.half[0]));
             for image in 0..n {
-                let of_image = image * 4 * padded..(image + 1) * 4 * padded;
+                let image_range = image * 4 * padded..(image + 1) * 4 * padded;
                 let at = (image * nt + t) * row;
-                let halves = [&even[of_image.clone()], &odd[of_image]];
+                let halves = [&even[image_range.clone()], &odd[image_range]];
                 general.spread(halves, &turns, [&mut plus[at..][..row], &mut minus[at..][..row]]);
             }
         }
@@ -342,11 +342,11 @@ impl Rows {
         let wide = general.columns();
         let (rows, lower) = (2 * general.half[1] - 1, general.half[1]);
         let columns = 2 * wide;
-        let of_image = image * self.t * columns..(image + 1) * self.t * columns;
+        let image_range = image * self.t * columns..(image + 1) * self.t * columns;
         let [cosines, sines] = &self.along_y;
         let panels = |rows: &[f32]| Panels::from_rows(rows, columns);
-        matrix::multiply(instructions, cosines, &panels(&across.sums[of_image.clone()]), even);
-        matrix::multiply(instructions, sines, &panels(&across.differences[of_image]), odd);
+        matrix::multiply(instructions, cosines, &panels(&across.sums[image_range.clone()]), even);
+        matrix::multiply(instructions, sines, &panels(&across.differences[image_range]), odd);
         let turns = PhaseFactors::new(self.middle_y, lower);
         let (real, imaginary) = field.split_at_mut(rows * wide);
         for row in 0..lower {

@@ -94,7 +94,7 @@ impl Hankel {
         };
         let counts = counts.rounded();
         let Counts { nodes, columns, orders } = counts;
-        let (unit, of_unit) = gauss_legendre_on(0.0, 1.0, nodes);
+        let (unit, unit_weights) = gauss_legendre_on(0.0, 1.0, nodes);
         // The same at nearly all optics.
         let billionths = libm::rint(step * edge * 1e9);
         let key = [nodes as u64, columns as u64, orders as u64, billionths as u64];
@@ -104,7 +104,7 @@ impl Hankel {
             (bessel, bytes)
         });
         let sigma: Vec<f64> = unit.iter().map(|u| u * edge).collect();
-        let weights = sigma.iter().zip(of_unit).map(|(sigma, weight)| sigma * weight * edge).collect();
+        let weights = sigma.iter().zip(unit_weights).map(|(sigma, weight)| sigma * weight * edge).collect();
         let radii = pupil.radii(sigma.iter().map(|sigma| pupil.q(*sigma).min(end)).collect(), end);
         Hankel { radii, weights, b, step_um, columns, step, bessel }
     }
@@ -129,8 +129,8 @@ impl Hankel {
         let (mut left, mut field) = (Vec::new(), Vec::new());
         // The kernels of some orders, if they are not kept.
         let (mut first, mut block): (usize, Vec<Panels<f32>>) = (0, Vec::new());
-        for of_order in modes.modes.chunk_by(|a, b| a.order == b.order) {
-            let order = of_order[0].order;
+        for order_modes in modes.modes.chunk_by(|a, b| a.order == b.order) {
+            let order = order_modes[0].order;
             let Bessel { table, kernels } = &*self.bessel;
             if order >= table.orders {
                 break;
@@ -143,7 +143,7 @@ impl Hankel {
             }
             let kernel = if kernels.is_empty() { &block[order - first] } else { &kernels[order] };
             left.clear();
-            for mode in of_order {
+            for mode in order_modes {
                 let part = |i: usize| {
                     let both = mode.values.iter().zip(&carrier);
                     both.map(
@@ -157,7 +157,7 @@ impl Hankel {
             }
             field.resize(left.len() / nodes * self.columns, 0.0);
             matrix::multiply(instructions, &left, kernel, &mut field);
-            let count = of_order[0].count();
+            let count = order_modes[0].count();
             for row in field.chunks_exact(self.columns) {
                 light
                     .iter_mut()
@@ -179,8 +179,8 @@ impl Bessel {
         let mut kernels = Vec::new();
         if orders * nodes * columns * size_of::<f32>() <= KEPT_BYTES {
             let blocks = (0..orders).step_by(ORDERS);
-            let of_block = |first| table.kernels_from(first, (radii, step, columns), instructions);
-            kernels = blocks.flat_map(of_block).collect();
+            let block_kernels = |first| table.kernels_from(first, (radii, step, columns), instructions);
+            kernels = blocks.flat_map(block_kernels).collect();
         }
         Bessel { table, kernels }
     }
@@ -220,12 +220,12 @@ impl Table {
         let orders = orders.next_multiple_of(ORDERS);
         let n = libm::ceil(largest * Self::PER_UNIT) as usize + TAPS;
         let mut values = vec![0.0; n * orders];
-        for (i, of_step) in values.chunks_exact_mut(orders).enumerate() {
+        for (i, step_values) in values.chunks_exact_mut(orders).enumerate() {
             let place = i as f64 - 2.0;
-            bessel(place.abs() / Self::PER_UNIT, of_step);
+            bessel(place.abs() / Self::PER_UNIT, step_values);
             if place < 0.0 {
                 // J_m(-x) = (-1)^m J_m(x)
-                of_step.iter_mut().skip(1).step_by(2).for_each(|value| *value = -*value);
+                step_values.iter_mut().skip(1).step_by(2).for_each(|value| *value = -*value);
             }
         }
         Table { orders, values }
@@ -270,10 +270,10 @@ impl pulp::WithSimd for Interpolate<'_> {
                 let weights = lagrange6(place - cell as f64);
                 let mut sums = [0.0; ORDERS];
                 for (tap, weight) in weights.iter().enumerate() {
-                    let of_step = &table.values[(cell + tap) * table.orders + first..];
-                    let Some(of_step) = of_step.first_chunk::<ORDERS>() else { break };
+                    let step_values = &table.values[(cell + tap) * table.orders + first..];
+                    let Some(step_values) = step_values.first_chunk::<ORDERS>() else { break };
                     for order in 0..ORDERS {
-                        sums[order] += weight * of_step[order];
+                        sums[order] += weight * step_values[order];
                     }
                 }
                 for order in 0..ORDERS {

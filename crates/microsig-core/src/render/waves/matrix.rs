@@ -201,14 +201,14 @@ mod tests {
                 assert_eq!(side_by_side.values, Panels::from_rows(&expected, rows * columns).values);
                 for i in 0..rows * columns {
                     let (row, column) = (i / columns, i % columns);
-                    let (mut sum, mut of_single) = (0.0, 0.0);
+                    let (mut sum, mut single_sum) = (0.0, 0.0);
                     for k in 0..inner {
                         let (a, b) = (row * inner + k, k * columns + column);
                         sum += left[a] * right[b];
-                        of_single += left_single[a] * right_single[b];
+                        single_sum += left_single[a] * right_single[b];
                     }
                     assert_eq!(product[i].to_bits(), f64::to_bits(sum), "{set}, {rows} rows, element {i}");
-                    assert_eq!(single[i].to_bits(), f32::to_bits(of_single), "{set}, {rows} rows, {i}");
+                    assert_eq!(single[i].to_bits(), f32::to_bits(single_sum), "{set}, {rows} rows, {i}");
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Particle images by wave optics: diffraction at the aperture of MicroSIG's lens or of a corrected one.
 //!
 //! Scalar Fourier optics with the pupil function of the lens (`pupil`); for short wavelengths the image
-//! approaches that of `expected`. A particle is a sum of coherent modes (`bead`, `modes`). The image of each
+//! approaches the image of `expected`. A particle is a sum of coherent modes (`bead`, `modes`). The image of each
 //! mode is a Hankel transform for a round pupil (`hankel`), a matrix Fourier transform of a quadrant with a
 //! cylindrical lens (`quadrant`), and one over discs for any other pupil (`general`). The sum is integrated
 //! over square pixels (`pixel`).
@@ -49,7 +49,7 @@ use crate::error::Error;
 use crate::optics::{FieldComa, FieldOptics, LocalOptics};
 use crate::particle::Particle;
 use crate::settings::Settings;
-use build::Draft;
+use build::TableBuilder;
 pub use cylinder::Cylinder;
 pub use direct::SingleImages;
 use general::{Disc, Obstacles};
@@ -207,8 +207,8 @@ impl Waves {
         self.optics.field.coma != FieldComa::default()
     }
 
-    fn draft(&self, span: TableSpan, tilted: bool) -> Draft<'_> {
-        Draft {
+    fn builder(&self, span: TableSpan, tilted: bool) -> TableBuilder<'_> {
+        TableBuilder {
             model: &self.model,
             span,
             farthest_px: self.farthest_px,
@@ -274,7 +274,7 @@ impl Waves {
 }
 
 /// Tilt (Noll's terms 2 and 3, waves rms) that keeps the rim of a defocused image in place under coma: its
-/// mean slope cancels that of coma, sqrt(8) (6 rho^2 - 2), at rho^2 = 0.8.
+/// mean slope cancels the mean slope of coma, sqrt(8) (6 rho^2 - 2), at rho^2 = 0.8.
 fn tilt(local: &LocalOptics) -> [f64; 2] {
     local.coma.map(|waves| -2.8 * std::f64::consts::SQRT_2 * waves)
 }
@@ -296,11 +296,11 @@ fn obstacles(
             holes.iter().map(|&Pinhole { x, y, r }| Disc { x, y, r, open: true }).collect()
         }
     };
-    let of_place = place.into_iter().flat_map(|(local, tilt)| {
+    let place_terms = place.into_iter().flat_map(|(local, tilt)| {
         let terms = [([8, 7], local.coma), ([6, 5], local.astigmatism), ([2, 3], tilt)];
         terms.into_iter().flat_map(|(indices, waves)| indices.into_iter().zip(waves))
     });
-    let in_um = optics.pupil.zernike.iter().copied().chain(of_place);
+    let in_um = optics.pupil.zernike.iter().copied().chain(place_terms);
     let in_um = in_um.map(|(j, waves)| (j, waves * optics.wavelength_um));
     let aberration = Aberration::new(&in_um.collect::<Vec<_>>());
     let turn = optics.cyl_angle_deg.to_radians();
@@ -445,7 +445,7 @@ impl ImageModel for Waves {
         }
     }
 
-    fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>) {
+    fn table_spheres(&self, particle: &Particle, out: &mut Vec<Particle>) {
         match particle.elongated() {
             None => out.push(self.in_table(*particle)),
             Some(spheroid) => out.extend(self.depths(particle, &spheroid)),
@@ -516,14 +516,14 @@ impl ImageModel for Waves {
             length_um: 0.0,
             radii: TableRadii::One(0.5 * sphere.d_um),
         };
-        let draft = Draft {
+        let builder = TableBuilder {
             model: local.as_ref().unwrap_or(&self.model),
             span,
             farthest_px: self.farthest_px,
             field: None,
             tilted: false,
         };
-        draft.single(scale, with_derivative.then(|| self.depth_step_um()), |edge_px| {
+        builder.single(scale, with_derivative.then(|| self.depth_step_um()), |edge_px| {
             let [x, y] = edge_px.map(|px| px as f64);
             tabled::window(&self.settings, sphere, (x, y)).area() > 0
         })
@@ -531,11 +531,11 @@ impl ImageModel for Waves {
 
     /// With images displaced against coma, unless they deviate less without: in focus, coma hardly moves them.
     fn build(&self, span: TableSpan) -> Table {
-        let table = self.draft(span, self.has_coma()).table();
+        let table = self.builder(span, self.has_coma()).table();
         if !self.has_coma() || table.error <= self.model.tolerance {
             return table;
         }
-        let still = self.draft(span, false).table();
+        let still = self.builder(span, false).table();
         if still.error < table.error { still } else { table }
     }
 }

@@ -308,16 +308,16 @@ impl Model {
     fn axes(&self, frame: &Frame, alike: bool, make: impl Fn(usize, f64) -> Axis) -> Vec<[Axis; 2]> {
         let Frame { grid, steps_px, .. } = frame;
         let alike = alike && grid[0] == grid[1] && steps_px[0] == steps_px[1];
-        let of_scale = |scale: f64| {
+        let scaled = |scale: f64| {
             let across = make(0, steps_px[0] * scale);
             let down = if alike { across.clone() } else { make(1, steps_px[1] * scale) };
             [across, down]
         };
         match frame.engine {
-            Engine::Round(_) => vec![of_scale(1.0)],
+            Engine::Round(_) => vec![scaled(1.0)],
             Engine::Quadrant(_) | Engine::General(_) => {
                 let scales = frame.lines.iter().map(|line| line.wavelength_um / self.wavelength_um);
-                scales.map(of_scale).collect()
+                scales.map(scaled).collect()
             }
         }
     }
@@ -451,15 +451,15 @@ impl Model {
         let useful =
             if frame.tapered { self.pupil.useful(z_um, self.corner_um(frame.scope.edge_px)) } else { None };
         let pixel = self.pixel_um * self.pixel_um;
-        let of_lines = |of_line: &dyn Fn(&Line) -> Vec<f64>| {
-            frame.lines.iter().map(|line| times(of_line(line), pixel * line.share)).collect()
+        let line_grids = |line_grid: &dyn Fn(&Line) -> Vec<f64>| {
+            frame.lines.iter().map(|line| times(line_grid(line), pixel * line.share)).collect()
         };
         let modes = |radii: &Radii, weights: &[f64], line: &Line| {
             self.modes(radii, weights, z_um, radius_um, line, useful)
         };
         if let Some(convolution) = &frame.convolution {
             let by_slices = |line: &Line| self.by_slices(frame, convolution, (z_um, radius_um), line, useful);
-            return Light { grids: of_lines(&by_slices), stride };
+            return Light { grids: line_grids(&by_slices), stride };
         }
         let grids = match &frame.engine {
             Engine::Round(hankel) => {
@@ -470,11 +470,11 @@ impl Model {
                 let profiles: Vec<_> = profiles.collect();
                 vec![self.round_grid(frame, &profiles)]
             }
-            Engine::Quadrant(quadrant) => of_lines(&|line| {
+            Engine::Quadrant(quadrant) => line_grids(&|line| {
                 let modes = modes(&quadrant.radii, &quadrant.weights, line);
                 quadrant.light(&modes, line.k(), self.instructions)
             }),
-            Engine::General(general) => of_lines(&|line| {
+            Engine::General(general) => line_grids(&|line| {
                 let modes = modes(&general.radii, &general.weights, line);
                 general.light(&modes, line.k(), self.instructions)
             }),
@@ -593,7 +593,7 @@ impl Exposure {
             let cell = libm::floor(place);
             (cell as isize - 2, bspline::quintic(place - cell))
         };
-        let ((first_x, of_x), (first_y, of_y)) = (axis(x), axis(y));
+        let ((first_x, in_x), (first_y, in_y)) = (axis(x), axis(y));
         let columns: [Option<usize>; TAPS] =
             std::array::from_fn(|i| self.layout.column_of(first_x + i as isize));
         let mut sum = [0.0; 3];
@@ -603,12 +603,12 @@ impl Exposure {
             let (mut value, mut slope) = (0.0, 0.0);
             for (i, column) in columns.iter().enumerate() {
                 let Some(column) = *column else { continue };
-                value += of_x.0[i] * line[column];
-                slope += of_x.1[i] * line[column];
+                value += in_x.0[i] * line[column];
+                slope += in_x.1[i] * line[column];
             }
-            sum[0] += of_y.0[j] * value;
-            sum[1] += of_y.0[j] * slope * per_px;
-            sum[2] += of_y.1[j] * value * per_px;
+            sum[0] += in_y.0[j] * value;
+            sum[1] += in_y.0[j] * slope * per_px;
+            sum[2] += in_y.1[j] * value * per_px;
         }
         sum
     }

@@ -78,9 +78,9 @@ impl Bead<'_> {
             if left < 0.1 * self.share * total {
                 break;
             }
-            let of_order = Order::new(order, &columns, &bessels, self.weights);
-            left -= of_order.light;
-            found.extend(of_order.modes());
+            let order_modes = Order::new(order, &columns, &bessels, self.weights);
+            left -= order_modes.light;
+            found.extend(order_modes.modes());
         }
         let modes = self.kept(found, total, &columns, &bessels);
         Modes { phase: center.phase, modes }
@@ -121,7 +121,7 @@ impl Bead<'_> {
         Modes { modes: depths_um.iter().map(mode).collect(), phase: center.phase }
     }
 
-    /// Pupil function at a depth relative to the particle's center, with the phase relative to that of the
+    /// Pupil function at a depth relative to the particle's center, with the phase relative to the
     /// center, and its derivative across the axis.
     fn at_depth(&self, depth_um: f64, center: &[f64]) -> (Vec<[f64; 2]>, Vec<f64>) {
         let fan = self.pupil.fan(self.z_um + depth_um, self.radii, self.useful);
@@ -229,11 +229,11 @@ impl Bessels {
     fn new(columns: &[Column], orders: usize) -> Bessels {
         let radii = columns.first().map_or(0, |column| column.argument.len());
         let mut values = vec![0.0; orders * columns.len() * radii];
-        let mut of_argument = vec![0.0; orders];
+        let mut by_order = vec![0.0; orders];
         for (i, column) in columns.iter().enumerate() {
             for (j, &argument) in column.argument.iter().enumerate() {
-                bessel(argument, &mut of_argument);
-                for (order, value) in of_argument.iter().enumerate() {
+                bessel(argument, &mut by_order);
+                for (order, value) in by_order.iter().enumerate() {
                     values[(order * columns.len() + i) * radii + j] = *value;
                 }
             }

@@ -324,8 +324,8 @@ impl WaveOptics {
         if let Some(layers) = &self.layers {
             self.layers(layers, &mut faults);
         }
-        if let Err(Error::Malformed(of_field)) = self.field.validate(settings) {
-            faults.0.extend(of_field);
+        if let Err(Error::Malformed(field_faults)) = self.field.validate(settings) {
+            faults.0.extend(field_faults);
         }
         if faults.0.is_empty() { Ok(()) } else { Err(Error::Malformed(faults.0)) }
     }

@@ -48,13 +48,13 @@ impl Axis {
     /// From values at k `step_px`, k < `grid`, to coefficients at k / `per_px`, k < `nodes`, for light that
     /// is even about the particle.
     pub(super) fn even(grid: usize, step_px: f64, blur_px: f64, nodes: usize, per_px: usize) -> Axis {
-        Axis::mirrored(&Waves::of_nodes(grid, step_px, blur_px, nodes, per_px))
+        Axis::mirrored(&Waves::at_nodes(grid, step_px, blur_px, nodes, per_px))
     }
 
     /// From the same values to the light on pixels at given positions (px from the particle), without a
     /// spline.
     pub(super) fn even_at(grid: usize, step_px: f64, blur_px: f64, places_px: &[f64]) -> Axis {
-        Axis::mirrored(&Waves::of_places(grid, step_px, blur_px, places_px))
+        Axis::mirrored(&Waves::at_places(grid, step_px, blur_px, places_px))
     }
 
     fn mirrored(waves: &Waves) -> Axis {
@@ -66,7 +66,7 @@ impl Axis {
 
     /// [`Axis::even_at`] for values on both sides of the particle, without symmetry.
     pub(super) fn both_at(grid: usize, step_px: f64, blur_px: f64, places_px: &[f64]) -> Axis {
-        let waves = Waves::of_places(grid, step_px, blur_px, places_px);
+        let waves = Waves::at_places(grid, step_px, blur_px, places_px);
         let (even, odd) = (waves.sums(libm::cos), waves.sums(libm::sin));
         let columns = 2 * grid - 1;
         let by_node = (0..places_px.len() * columns).map(|at| {
@@ -80,7 +80,7 @@ impl Axis {
     /// [`Axis::even`] without symmetry: from values at k `step_px`, |k| < `grid`, to coefficients at k /
     /// `per_px`, |k| < `nodes`.
     pub(super) fn both(grid: usize, step_px: f64, blur_px: f64, nodes: usize, per_px: usize) -> Axis {
-        let waves = Waves::of_nodes(grid, step_px, blur_px, nodes, per_px);
+        let waves = Waves::at_nodes(grid, step_px, blur_px, nodes, per_px);
         let (even, odd) = (waves.sums(libm::cos), waves.sums(libm::sin));
         let (columns, rows) = (2 * grid - 1, 2 * nodes - 1);
         let by_node = (0..rows * columns).map(|at| {
@@ -109,12 +109,12 @@ struct Waves {
 
 impl Waves {
     /// The nodes of a spline on one side.
-    fn of_nodes(grid: usize, step_px: f64, blur_px: f64, nodes: usize, per_px: usize) -> Waves {
+    fn at_nodes(grid: usize, step_px: f64, blur_px: f64, nodes: usize, per_px: usize) -> Waves {
         let places_px = (0..nodes).map(|i| i as f64 / per_px as f64).collect();
         Waves { grid, step_px, blur_px, places_px, per_px: Some(per_px) }
     }
 
-    fn of_places(grid: usize, step_px: f64, blur_px: f64, places_px: &[f64]) -> Waves {
+    fn at_places(grid: usize, step_px: f64, blur_px: f64, places_px: &[f64]) -> Waves {
         Waves { grid, step_px, blur_px, places_px: places_px.to_vec(), per_px: None }
     }
 

@@ -378,13 +378,13 @@ impl Pupil {
         let n = radii.q.len();
         let (mut phase, mut off_axis) = (Vec::with_capacity(n), Vec::with_capacity(n));
         for (row, curvature) in radii.running.chunks_exact(STATIONS).zip(&radii.curvature) {
-            let (mut of_slopes, mut of_changes) = (0.0, 0.0);
+            let (mut slope_integral, mut change_integral) = (0.0, 0.0);
             for ((weight, slope), change) in row.iter().zip(&slopes).zip(&changes) {
-                of_slopes += weight * slope;
-                of_changes += weight * change;
+                slope_integral += weight * slope;
+                change_integral += weight * change;
             }
-            phase.push(of_slopes + curvature / b);
-            off_axis.push(of_changes);
+            phase.push(slope_integral + curvature / b);
+            off_axis.push(change_integral);
         }
         let light = |(&q, &stretch): (&f64, &f64)| {
             let r2 = a * a + q * q;

@@ -104,12 +104,12 @@ impl Quadrant {
 
         let [ax, bx] = pupil.across();
         let power = ax / bx - 1.0 / pupil.b();
-        let (t, of_t) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, counts[0]);
-        let (u, of_u) = gauss_legendre_on(0.0, 1.0, counts[1]);
+        let (t, t_weight) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, counts[0]);
+        let (u, u_weight) = gauss_legendre_on(0.0, 1.0, counts[1]);
         let mut nodes = Vec::with_capacity(t.len() * u.len());
-        for (t, of_t) in t.iter().zip(&of_t) {
+        for (t, t_weight) in t.iter().zip(&t_weight) {
             let (sine_t, cosine_t) = libm::sincos(*t);
-            for (u, of_u) in u.iter().zip(&of_u) {
+            for (u, u_weight) in u.iter().zip(&u_weight) {
                 let (x, y) = (cosine_t * u, sine_t);
                 let r = libm::sqrt(x * x + y * y);
                 let around = interpolation::around(r);
@@ -120,7 +120,7 @@ impl Quadrant {
                     cosine,
                     sine,
                     cylinder: curvature * cosine * cosine * power,
-                    area: 4.0 * sigma_end * sigma_end * cosine_t * cosine_t * of_t * of_u,
+                    area: 4.0 * sigma_end * sigma_end * cosine_t * cosine_t * t_weight * u_weight,
                 });
             }
         }
@@ -176,17 +176,17 @@ impl Quadrant {
             if images.is_empty() {
                 continue;
             }
-            let (of_x, of_y) =
+            let (x_kernel, y_kernel) =
                 (&self.transform.along_x[class % PARITIES], &self.transform.along_y[class / PARITIES]);
             let parts = 2 * images.len();
             let wide = parts * self.columns;
             let mut half = Panels::zeros(self.rows, wide);
             let functions = functions.chunks_exact(parts * self.across);
-            for (row, (kernel, functions)) in of_x.iter().zip(functions).enumerate() {
+            for (row, (kernel, functions)) in x_kernel.iter().zip(functions).enumerate() {
                 matrix::multiply_to_row(instructions, functions, kernel, &mut half, row);
             }
             let mut field = vec![0.0; self.lines * wide];
-            matrix::multiply(instructions, of_y, &half, &mut field);
+            matrix::multiply(instructions, y_kernel, &half, &mut field);
             for (light, field) in light.chunks_exact_mut(self.columns).zip(field.chunks_exact(wide)) {
                 for (image, parts) in images.iter().zip(field.chunks_exact(2 * self.columns)) {
                     let (real, imaginary) = parts.split_at(self.columns);

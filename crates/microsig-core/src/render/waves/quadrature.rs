@@ -20,7 +20,7 @@ fn polynomials(n: usize, x: f64) -> Vec<f64> {
 /// polynomial from 0 to each target; one row for each target.
 pub(super) fn running_integral(end: f64, n: usize, targets: &[f64]) -> Vec<f64> {
     let (nodes, weights) = gauss_legendre(n);
-    let of_nodes: Vec<Vec<f64>> = nodes.iter().map(|&x| polynomials(n, x)).collect();
+    let node_polynomials: Vec<Vec<f64>> = nodes.iter().map(|&x| polynomials(n, x)).collect();
     targets
         .iter()
         .flat_map(|&target| {
@@ -29,11 +29,11 @@ pub(super) fn running_integral(end: f64, n: usize, targets: &[f64]) -> Vec<f64> 
             // (2 k + 1) times the integral of P_k from -1 to x is P_(k+1) - P_(k-1).
             let primitive: Vec<f64> =
                 (0..n).map(|k| if k == 0 { x + 1.0 } else { p[k + 1] - p[k - 1] }).collect();
-            let row: Vec<f64> = of_nodes
+            let row: Vec<f64> = node_polynomials
                 .iter()
                 .zip(&weights)
-                .map(|(of_node, weight)| {
-                    let sum: f64 = of_node.iter().zip(&primitive).map(|(p, q)| p * q).sum();
+                .map(|(polynomials, weight)| {
+                    let sum: f64 = polynomials.iter().zip(&primitive).map(|(p, q)| p * q).sum();
                     0.25 * end * weight * sum
                 })
                 .collect();
@@ -62,13 +62,13 @@ pub(super) fn hermite(n: usize) -> (Vec<f64>, Vec<f64>) {
     for i in 0..steps {
         let at = |i: usize| -reach + 2.0 * reach * i as f64 / steps as f64;
         let (mut low, mut high) = (at(i), at(i + 1));
-        let (of_low, of_high) = (polynomial(low).0, polynomial(high).0);
-        if found == n || (of_low > 0.0) == (of_high > 0.0) {
+        let (low_value, high_value) = (polynomial(low).0, polynomial(high).0);
+        if found == n || (low_value > 0.0) == (high_value > 0.0) {
             continue;
         }
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if (polynomial(middle).0 > 0.0) == (of_low > 0.0) { low = middle } else { high = middle }
+            if (polynomial(middle).0 > 0.0) == (low_value > 0.0) { low = middle } else { high = middle }
         }
         let x = 0.5 * (low + high);
         let (_, before) = polynomial(x);

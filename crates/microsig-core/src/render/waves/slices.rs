@@ -64,7 +64,7 @@ impl Sphere<'_> {
         let (nodes, weights) = gauss_legendre_on(from, to, libm::ceil(0.6 * etendue) as usize + 16);
         // By node: radius there, and the weights of the depths times the share of the light.
         let across = |u: f64| libm::sqrt(1.0 - u * u);
-        let of_node: Vec<(f64, Vec<f64>)> = nodes
+        let node_weights: Vec<(f64, Vec<f64>)> = nodes
             .iter()
             .zip(&weights)
             .map(|(u, weight)| {
@@ -72,21 +72,21 @@ impl Sphere<'_> {
                     Emission::Surface => *weight,
                     Emission::Volume => 0.75 * (1.0 - u * u) * weight,
                 };
-                let of_depths = spline::lagrange(depths_um, radius_um * u);
-                (radius_um * across(*u), of_depths.into_iter().map(|(w, _)| light * w).collect())
+                let depth_weights = spline::lagrange(depths_um, radius_um * u);
+                (radius_um * across(*u), depth_weights.into_iter().map(|(w, _)| light * w).collect())
             })
             .collect();
         let mut spectra = vec![vec![0.0; SPECTRA + 2]; depths_um.len()];
         for i in 0..SPECTRA + 2 {
             let frequency = highest * i as f64 / SPECTRA as f64;
-            for (radius, of_depths) in &of_node {
+            for (radius, depth_weights) in &node_weights {
                 let x = 2.0 * std::f64::consts::PI * radius * frequency;
                 let shape = match emission {
                     Emission::Surface => libm::j0(x),
                     Emission::Volume if x < 1e-4 => 1.0,
                     Emission::Volume => 2.0 * libm::j1(x) / x,
                 };
-                spectra.iter_mut().zip(of_depths).for_each(|(spectrum, w)| spectrum[i] += w * shape);
+                spectra.iter_mut().zip(depth_weights).for_each(|(spectrum, w)| spectrum[i] += w * shape);
             }
         }
         spectra

@@ -14,7 +14,7 @@ fn rows(text: &str) -> impl Iterator<Item = Vec<&str>> {
     text.lines().skip(1).map(|line| line.split(',').collect())
 }
 
-/// Phases, amplitudes and landing positions of the lens, compared with those of an independent program.
+/// Phases, amplitudes and landing positions of the lens, against an independent program.
 #[test]
 fn pupil_functions_are_those_of_an_independent_program() {
     let mut seen = 0;
@@ -48,7 +48,7 @@ fn pupil_functions_are_those_of_an_independent_program() {
     assert_eq!(seen, 100);
 }
 
-/// The image of a point behind layers, in object space, compared with that of an independent program.
+/// The image of a point behind layers, in object space, against an independent program.
 #[test]
 fn layers_are_those_of_an_independent_program() {
     let mut seen = 0;
@@ -101,8 +101,8 @@ fn layers_are_those_of_an_independent_program() {
     assert_eq!(seen, 124);
 }
 
-/// For short wavelengths the image approaches that of rays: largest difference over the middle 41 px (17 px
-/// where images take long), as a fraction of the peak, compared with that of a numerical prototype.
+/// For short wavelengths the image approaches the ray image: largest difference over the middle 41 px (17 px
+/// where images take long), as a fraction of the peak, as in a numerical prototype.
 #[test]
 #[ignore = "slow: .ci/full"]
 fn short_waves_give_the_geometric_image() {
@@ -265,17 +265,17 @@ fn a_round_spheroid_is_a_sphere() {
         let settings = Settings { cyl_focal_length, ..settings.clone() };
         let renderer = WavesRenderer::new(&settings, &optics, 1e-3).unwrap();
         let sphere = Particle::sphere(60.3, 61.4, z_um, d_um);
-        let [of_modes, of_emitters] =
+        let [by_modes, by_emitters] =
             [sphere, spheroid(sphere, ROUND, [0.5, 0.3, 0.7])].map(|p| renderer.patch(&p).unwrap());
-        let difference = largest_difference_of_patches(&settings, &of_modes, &of_emitters);
+        let difference = largest_difference_of_patches(&settings, &by_modes, &by_emitters);
         println!("{name}: {difference:.1e}");
         assert!(difference < 1e-3, "{name}: {difference}");
-        let light: f64 = of_emitters.counts.iter().sum();
+        let light: f64 = by_emitters.counts.iter().sum();
         let accepted = renderer.accepted_light(&sphere).unwrap();
         assert!((0.96..1.0005).contains(&(light / accepted)), "{name}: {light} of {accepted}");
         // Without any difference of the axes it is the sphere.
         let exactly = renderer.patch(&spheroid(sphere, 1.0, [0.5, 0.3, 0.7])).unwrap();
-        assert_eq!(exactly.counts, of_modes.counts);
+        assert_eq!(exactly.counts, by_modes.counts);
     }
 }
 
@@ -393,13 +393,13 @@ fn spheroids_have_derivatives() {
     let optics = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };
     let renderer = WavesRenderer::new(&settings, &optics, 3e-3).unwrap();
     let sphere = Particle::sphere(40.3, 41.4, -15.0, 2.0);
-    let [of_sphere, of_emitters] =
+    let [sphere_gradient, by_emitters] =
         [sphere, spheroid(sphere, ROUND, [0.5, 0.3, 0.7])].map(|p| renderer.gradient(&p, None).unwrap());
     for k in 0..4 {
         let of = |gradient: &Gradient| {
             whole(&settings, gradient.window, gradient.pixels.iter().map(|pixel| pixel[k]))
         };
-        let difference = largest_difference([of(&of_sphere), of(&of_emitters)]);
+        let difference = largest_difference([of(&sphere_gradient), of(&by_emitters)]);
         // Differences over half a pixel and 1 um are not quite derivatives.
         assert!(difference < 0.05, "{k}: {difference}");
     }
@@ -445,8 +445,8 @@ fn extents_of_very_large_images_are_bounds() {
     let settings = Settings { numerical_aperture: 0.75, ..Settings::setting1() };
     let renderer = WavesRenderer::new(&settings, &WaveOptics::new(0.52), 3e-3).unwrap();
     let (x, y) = Render::image_extent(&renderer, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
-    let (of_rays, _) = Render::image_extent(&renderer.model.rays, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
-    assert!(x > 0.8 * of_rays.min(1000.0) && y > 300.0, "{x} {y} {of_rays}");
+    let (ray_extent, _) = Render::image_extent(&renderer.model.rays, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
+    assert!(x > 0.8 * ray_extent.min(1000.0) && y > 300.0, "{x} {y} {ray_extent}");
 }
 
 /// Diameter (um), depth (um) and light of the central pixel as a fraction of that sent into the half space.
@@ -514,7 +514,7 @@ fn slices_are_as_accurate_as_modes() {
     }
 }
 
-/// Optics like those of a real objective 20x/0.45 with a relay lens of 0.5x.
+/// Optics similar to a real objective 20x/0.45 with a relay lens of 0.5x.
 fn real_objective() -> (Settings, WaveOptics) {
     let settings = Settings {
         magnification: 10.01,
@@ -591,7 +591,7 @@ fn images_over_the_field(side_px: u32, tolerance: f64) {
     check_field(&settings, &optics, tolerance, &particles);
 }
 
-/// A 10x/0.3 whose coma, vignetting and astigmatism at the corner are those of 0.3 and 0.6 waves per mm and of 2.4 per mm2 on
+/// A 10x/0.3 with as much coma, astigmatism and vignetting at the corner as 0.3 and 0.6 waves per mm and 2.4 per mm2 give on
 /// 512 px: in and out of focus, images are within the tolerance.
 #[test]
 #[ignore = "slow: .ci/full"]
