@@ -32,15 +32,32 @@ pub enum Finding {
 }
 
 impl Fault {
-    /// A value out of range that is not from a file; `key` is also its location.
-    pub(crate) fn value(key: &str, found: impl fmt::Display, allowed: &str) -> Self {
-        let (found, allowed) = (found.to_string(), allowed.to_owned());
-        Self::of(key, Finding::Value { key: key.to_owned(), found, allowed })
-    }
-
     /// An error without line and column.
     pub(crate) fn of(source_name: &str, finding: impl Into<Finding>) -> Self {
         Fault { source_name: source_name.to_owned(), line: None, column: None, finding: finding.into() }
+    }
+}
+
+/// Collects values that are out of range.
+#[derive(Default)]
+pub(crate) struct Faults {
+    /// What has the values, in messages; by default their keys say it.
+    pub(crate) source_name: Option<&'static str>,
+    pub(crate) found: Vec<Fault>,
+}
+
+impl Faults {
+    pub(crate) fn unless(&mut self, fine: bool, key: &str, found: impl fmt::Display, allowed: &str) {
+        if !fine {
+            let (found, allowed) = (found.to_string(), allowed.to_owned());
+            let finding = Finding::Value { key: key.to_owned(), found, allowed };
+            self.found.push(Fault::of(self.source_name.unwrap_or(key), finding));
+        }
+    }
+
+    /// [`Error::Malformed`] with all of them, if there are any.
+    pub(crate) fn finish(self) -> Result<(), Error> {
+        if self.found.is_empty() { Ok(()) } else { Err(Error::Malformed(self.found)) }
     }
 }
 
@@ -97,6 +114,11 @@ pub enum Error {
 }
 
 impl Error {
+    /// A single error in an input, without a line.
+    pub(crate) fn malformed(source_name: &str, message: impl Into<String>) -> Self {
+        Error::Malformed(vec![Fault::of(source_name, message.into())])
+    }
+
     /// An I/O error with the name of the input or output.
     pub fn io(name: &str, source: std::io::Error) -> Self {
         Error::Io { name: name.to_owned(), source }

@@ -176,7 +176,7 @@ pub(crate) fn check(
         let (source_name, line) = place(index);
         let (key, found) = (KEYS[index].name.to_owned(), shown(values[index]));
         let finding = Finding::Value { key, found, allowed: allowed.to_owned() };
-        faults.push(Fault { source_name, line, column: None, finding });
+        faults.push(Fault { line, ..Fault::of(&source_name, finding) });
     };
     for (index, key) in KEYS.iter().enumerate() {
         let is_above = index == NUMERICAL_APERTURE && values[index] >= 1.0;

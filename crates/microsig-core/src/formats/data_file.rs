@@ -100,12 +100,7 @@ pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
         }
         number += 1;
         let mut fault = |column: Option<usize>, message: String| {
-            faults.push(Fault {
-                source_name: name.to_owned(),
-                line: Some(number),
-                column,
-                finding: message.into(),
-            });
+            faults.push(Fault { line: Some(number), column, ..Fault::of(name, message) });
         };
         let text = match text_line::text_of(&line) {
             Ok(text) => text,

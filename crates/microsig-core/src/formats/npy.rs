@@ -2,7 +2,7 @@
 
 use std::io::{Error as IoError, ErrorKind, Read};
 
-use crate::error::{Error, Fault};
+use crate::error::Error;
 
 /// Maximum header length of a `.npy` file, bytes: the limit of version 1 of the format.
 const MAX_NPY_HEADER: u32 = 65_535;
@@ -21,10 +21,8 @@ pub struct Refused {
 /// number is not finite.
 pub fn read(mut source: impl Read, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
     let (width, height) = (size.0 as usize, size.1 as usize);
-    let malformed = |Refused { found, expected }| {
-        let message = format!("{found}: expected {expected}");
-        Error::Malformed(vec![Fault::of(name, message)])
-    };
+    let malformed =
+        |Refused { found, expected }| Error::malformed(name, format!("{found}: expected {expected}"));
     let header = Header::read(&mut source).map_err(malformed)?;
     if header.shape != [u64::from(size.1), u64::from(size.0)] {
         let expected = format!("({height}, {width}), rows and columns");

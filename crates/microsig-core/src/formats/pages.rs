@@ -5,7 +5,7 @@ use std::io::{Read, Seek};
 
 use super::arrangement::Arrangement;
 use super::gray::{GrayImages, Numbers, told};
-use crate::error::{Error, Fault};
+use crate::error::Error;
 use crate::sensor::Counts;
 
 /// A file of pages, read in their order.
@@ -40,12 +40,12 @@ impl<R: Read + Seek> Pages<R> {
     /// Opens a file at its first page; `name` is its name in errors. Errors: [`Error::Malformed`] if it is no
     /// TIFF file, or of a kind whose pages cannot be told.
     pub fn open(reader: R, name: &str) -> Result<Self, Error> {
-        let damaged = |e| malformed(name, told(&e));
+        let damaged = |e| Error::malformed(name, told(&e));
         let mut images = GrayImages::open(reader).map_err(damaged)?;
         let description = images.description().map_err(damaged)?;
         if images.has(METAMORPH) {
             let what = "a MetaMorph stack: expected a TIFF file, such as ImageJ or Bio-Formats write from it";
-            return Err(malformed(name, what.to_owned()));
+            return Err(Error::malformed(name, what.to_owned()));
         }
         let stated = description.as_deref().map_or(1, Arrangement::images);
         let mut pages = Pages { images, name: name.to_owned(), page: 0, description, raw: None };
@@ -61,7 +61,7 @@ impl<R: Read + Seek> Pages<R> {
                         .is_some_and(|all| *offset <= room && all <= room - offset)
             };
             let offset = offset.filter(fits).ok_or_else(|| {
-                malformed(name, format!("it states {stated} images, which its data do not hold"))
+                Error::malformed(name, format!("it states {stated} images, which its data do not hold"))
             })?;
             pages.raw = Some(Raw { offset, images: stated });
         }
@@ -74,7 +74,7 @@ impl<R: Read + Seek> Pages<R> {
     }
 
     fn refuse(&self, message: &str) -> Error {
-        malformed(&self.name, format!("page {}: {message}", self.page))
+        Error::malformed(&self.name, format!("page {}: {message}", self.page))
     }
 
     /// Size and pixel type of the current page. Errors: [`Error::Malformed`] if it holds no gray counts of 8
@@ -143,16 +143,12 @@ impl<R: Read + Seek> Pages<R> {
     pub fn arrangement(&self, n: usize) -> Result<Option<Arrangement>, Error> {
         let Some(text) = &self.description else { return Ok(None) };
         let file = self.name.rsplit(['/', '\\']).next().unwrap_or_default();
-        Arrangement::read(text, file, n).map_err(|what| malformed(&self.name, what))
+        Arrangement::read(text, file, n).map_err(|what| Error::malformed(&self.name, what))
     }
 }
 
 /// The tag of MetaMorph's stacks, whose planes but the first have no directories.
 const METAMORPH: u16 = 33_629;
-
-fn malformed(name: &str, message: String) -> Error {
-    Error::Malformed(vec![Fault::of(name, message)])
-}
 
 #[cfg(test)]
 mod tests {

@@ -43,21 +43,12 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
     let (mut lines, mut faults) = (Vec::new(), Vec::new());
     if bytes.len() as u64 > MAX_BYTES {
         let message = format!("expected a settings file of at most {} MB", MAX_BYTES / 1_000_000);
-        let source_name = name.to_owned();
-        return Err(Error::Malformed(vec![Fault::of(&source_name, message)]));
+        return Err(Error::malformed(name, message));
     }
     for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
         match text_line::text_of(line) {
             Ok(text) => lines.push(text),
-            Err(message) => {
-                let source_name = name.to_owned();
-                faults.push(Fault {
-                    source_name,
-                    line: Some(index + 1),
-                    column: None,
-                    finding: message.into(),
-                });
-            }
+            Err(message) => faults.push(Fault { line: Some(index + 1), ..Fault::of(name, message) }),
         }
     }
     // What such a file lacks is not worth a message.
@@ -72,14 +63,7 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
     for (index, raw) in lines.into_iter().enumerate() {
         let line = index + 1;
         let raw = if line == 1 { raw.trim_start_matches('\u{feff}') } else { raw };
-        let mut fault = |message: String| {
-            faults.push(Fault {
-                source_name: name.to_owned(),
-                line: Some(line),
-                column: None,
-                finding: message.into(),
-            });
-        };
+        let mut fault = |message: String| faults.push(Fault { line: Some(line), ..Fault::of(name, message) });
         let content = raw.split(['#', '%']).next().unwrap_or_default().trim();
         if content.is_empty() {
             continue;

@@ -10,7 +10,7 @@ use std::io::{Seek, Write};
 use ::tiff::encoder::{TiffEncoder, TiffKind};
 
 use super::tiff::{PixelScale, StackPlane, append};
-use crate::error::{Error, Fault};
+use crate::error::Error;
 use crate::sensor::{Counts, Image};
 
 /// What changes from page to page.
@@ -93,7 +93,7 @@ impl Stack {
     ) -> Result<(), E> {
         let pages = self.axis.pages();
         if pages == 0 {
-            return Err(wrong(name, "no images: expected a stack of at least one").into());
+            return Err(Error::malformed(name, "no images: expected a stack of at least one").into());
         }
         let first = page(0)?;
         let description = match format {
@@ -115,7 +115,7 @@ impl Stack {
                 let what = format!(
                     "{bytes} bytes of pixels: expected at most 4 GB in an ImageJ stack; OME-TIFF holds more"
                 );
-                Err(wrong(name, &what).into())
+                Err(Error::malformed(name, &what).into())
             }
         }
     }
@@ -140,7 +140,7 @@ impl Stack {
                 let what = format!(
                     "image {k}: {a} x {b} px of {c} bytes: expected {d} x {e} px of {f} bytes, as the first"
                 );
-                return Err(wrong(name, &what).into());
+                return Err(Error::malformed(name, &what).into());
             }
             let text = (k == 0).then_some(description);
             append(&mut encoder, &image, &scale, text).map_err(|e| failed(name, e))?;
@@ -244,11 +244,6 @@ fn bytes_per_px(image: &Image) -> u32 {
 
 fn failed(name: &str, error: ::tiff::TiffError) -> Error {
     Error::io(name, std::io::Error::other(error))
-}
-
-fn wrong(name: &str, what: &str) -> Error {
-    let message = what.to_owned();
-    Error::Malformed(vec![Fault::of(name, message)])
 }
 
 #[cfg(test)]

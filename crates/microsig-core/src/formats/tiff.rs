@@ -19,7 +19,7 @@ use ::tiff::{TiffError, TiffResult};
 use super::arrangement::Arrangement;
 use super::gray::{GrayImages, told};
 use super::stack::equal_step;
-use crate::error::{Error, Fault};
+use crate::error::Error;
 use crate::sensor::{Counts, Image};
 
 /// Spatial and temporal scale of an image.
@@ -129,13 +129,9 @@ fn px_per_um(um_per_px: f64) -> Rational {
     Rational { n, d }
 }
 
-fn malformed(name: &str, message: String) -> Error {
-    Error::Malformed(vec![Fault::of(name, message)])
-}
-
 /// Width and height of the first image of a file, px.
 pub fn size(reader: impl BufRead + Seek, name: &str) -> Result<(u32, u32), Error> {
-    let damaged = |e: TiffError| malformed(name, told(&e));
+    let damaged = |e: TiffError| Error::malformed(name, told(&e));
     Decoder::new(reader).map_err(damaged)?.dimensions().map_err(damaged)
 }
 
@@ -158,7 +154,7 @@ pub fn little_endian(counts: &[u16]) -> Vec<u8> {
 
 /// Reads an image like [`read`], with the numbers that are in the file.
 pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Counts, Error> {
-    let refuse = |message: String| malformed(name, message);
+    let refuse = |message: String| Error::malformed(name, message);
     let damaged = |e: TiffError| refuse(told(&e));
     let mut images = GrayImages::open(reader).map_err(damaged)?;
     let found = images.size().map_err(damaged)?;

@@ -6,7 +6,7 @@
 //! vignetting, and the linear and quadratic parts of coma and astigmatism of a misaligned system (nodal
 //! aberration theory: Thompson 2005, JOSA A 22, 1389).
 
-use crate::error::{Error, Fault};
+use crate::error::{Error, Faults};
 use crate::particle::Particle;
 use crate::settings::Settings;
 use schemars::JsonSchema;
@@ -202,11 +202,9 @@ impl FieldOptics {
     /// Checks all values for a sensor with these settings; messages have the keys of a scenario. Errors:
     /// [`Error::Malformed`] with all values out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
-        let mut faults = Vec::new();
+        let mut faults = Faults::default();
         let mut unless = |fine: bool, key: &str, value: f64, expected: &str| {
-            if !fine {
-                faults.push(Fault::value(&format!("optics.field.{key}"), value, expected));
-            }
+            faults.unless(fine, &format!("optics.field.{key}"), value, expected);
         };
         let numbers = [
             ("focus.curvature_um_per_mm2", self.focus.curvature_um_per_mm2),
@@ -281,7 +279,7 @@ impl FieldOptics {
             most,
             "coma and astigmatism that sum to at most 5 waves rms anywhere in the field",
         );
-        if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
+        faults.finish()
     }
 }
 

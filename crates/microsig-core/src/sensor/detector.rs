@@ -12,7 +12,7 @@
 //! bit.
 
 use super::maps::{Electronics, PixelMaps};
-use crate::error::{Error, Fault};
+use crate::error::{Error, Faults};
 use crate::random::{normal, poisson};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Stream, Streams};
@@ -89,12 +89,9 @@ impl Default for Detector {
 impl Detector {
     /// Checks all values. Errors: [`Error::Malformed`] with every value out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
-        let mut faults = Vec::new();
+        let mut faults = Faults { source_name: Some("detector"), ..Faults::default() };
         let mut check = |name: &str, value: f64, fits: bool, allowed: &str| {
-            if !fits || value.is_nan() {
-                let message = format!("{name} = {value}: expected {allowed}");
-                faults.push(Fault::of("detector", message));
-            }
+            faults.unless(fits && !value.is_nan(), name, value, allowed);
         };
         let finite = |v: f64| (0.0..=1e12).contains(&v);
         let positive = |v: f64| v > 0.0 && v <= 1e12;
@@ -117,17 +114,13 @@ impl Detector {
         if let Some(background) = &self.background {
             let pixels = settings.pixel_dim_x as usize * settings.pixel_dim_y as usize;
             let fits = background.len() == pixels && background.iter().all(|v| v.is_finite());
-            check(
-                "background",
-                background.len() as f64,
-                fits,
-                &format!("{pixels} finite values, one per pixel"),
-            );
+            let allowed = format!("{pixels} finite values, one per pixel");
+            check("background", background.len() as f64, fits, &allowed);
             let mean = background.iter().sum::<f64>() / pixels as f64;
             check("mean of the background", mean, !fits || mean >= 0.0, "0 counts or more");
         }
-        faults.extend(self.maps.faults(settings));
-        if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
+        faults.found.extend(self.maps.faults(settings));
+        faults.finish()
     }
 
     /// Counts, before rounding, of a pixel with `ideal` counts in the ideal image.

@@ -57,7 +57,7 @@ impl PixelQuantity {
             n => format!(" ({n} more of {} pixels)", map.len()),
         };
         let message = format!("{value} in column {column}, row {row}{more}: expected {allowed}");
-        Err(Error::Malformed(vec![Fault::of(name, message)]))
+        Err(Error::malformed(name, message))
     }
 }
 

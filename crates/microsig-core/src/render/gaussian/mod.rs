@@ -18,7 +18,7 @@ mod spot;
 use rayon::prelude::*;
 
 use crate::cancel::checkpoint;
-use crate::error::{Error, Fault};
+use crate::error::{Error, Faults};
 use crate::particle::Particle;
 use crate::pool::BufferPool;
 use crate::render::instructions::InstructionSet;
@@ -51,32 +51,22 @@ impl GaussianRenderer {
     /// A renderer for these settings.
     pub fn new(settings: &Settings, spot: GaussianSpot) -> Result<Self, Error> {
         settings.validate()?;
-        let mut faults = Vec::new();
-        let mut check = |name: &str, value: f64, fits: bool, allowed: &str| {
-            if !fits {
-                let message = format!("{name} = {value}: expected {allowed}");
-                faults.push(Fault::of("gaussian", message));
-            }
-        };
+        let mut faults = Faults { source_name: Some("gaussian"), ..Faults::default() };
         let positive = |v: f64| v > 0.0 && v <= 1000.0;
-        check("diameter_px", spot.diameter_px, positive(spot.diameter_px), "a number > 0, at most 1000 px");
-        let reference = spot.reference_um.unwrap_or(1.0);
-        check("reference_um", reference, positive(reference), "a number > 0, at most 1000 um");
+        let (diameter, reference) = (spot.diameter_px, spot.reference_um.unwrap_or(1.0));
+        faults.unless(positive(diameter), "diameter_px", diameter, "a number > 0, at most 1000 px");
+        faults.unless(positive(reference), "reference_um", reference, "a number > 0, at most 1000 um");
         let fits = (0.0..=1e9).contains(&spot.peak_counts);
-        check("peak_counts", spot.peak_counts, fits, "0 to 1e9 counts");
-        if faults.is_empty() {
-            let scaling = SpotScaling::new(spot, settings.gain);
-            Ok(GaussianRenderer {
-                settings: settings.clone(),
-                spot,
-                scaling,
-                instructions: InstructionSet::best(),
-                spots: BufferPool::default(),
-                sums: BufferPool::default(),
-            })
-        } else {
-            Err(Error::Malformed(faults))
-        }
+        faults.unless(fits, "peak_counts", spot.peak_counts, "0 to 1e9 counts");
+        faults.finish()?;
+        Ok(GaussianRenderer {
+            settings: settings.clone(),
+            spot,
+            scaling: SpotScaling::new(spot, settings.gain),
+            instructions: InstructionSet::best(),
+            spots: BufferPool::default(),
+            sums: BufferPool::default(),
+        })
     }
 
     /// The same renderer using the given instruction set; its light is bit-identical.

@@ -1,7 +1,7 @@
 //! Options of wave optics in addition to MicroSIG's settings, and their validation.
 
 use super::cylinder::Cylinder;
-use crate::error::{Error, Fault};
+use crate::error::{Error, Fault, Faults};
 use crate::optics::FieldOptics;
 use crate::settings::Settings;
 use schemars::JsonSchema;
@@ -278,22 +278,6 @@ impl Layers {
     }
 }
 
-/// A list of invalid values, each with its key.
-#[derive(Default)]
-struct Faults(Vec<Fault>);
-
-impl Faults {
-    fn add(&mut self, key: &str, value: impl std::fmt::Display, expected: &str) {
-        self.0.push(Fault::value(key, value, expected));
-    }
-
-    fn unless(&mut self, fine: bool, key: &str, value: f64, expected: &str) {
-        if !fine {
-            self.add(key, value, expected);
-        }
-    }
-}
-
 /// Largest index of a Zernike term, and largest sum of the absolute coefficients, waves.
 const LAST_ZERNIKE: u32 = 66;
 const MAX_WAVES: f64 = 5.0;
@@ -314,27 +298,21 @@ impl WaveOptics {
         let angle = self.cyl_angle_deg;
         let turned = angle != 0.0 && settings.cyl_focal_length == 0.0 && self.cylinder.is_none();
         faults.unless(angle.is_finite(), "optics.cyl_angle_deg", angle, "a finite number");
-        faults.unless(
-            !turned,
-            "optics.cyl_angle_deg",
-            angle,
-            "0: there is no cylindrical lens (cyl_focal_length = 0)",
-        );
+        let straight = "0: there is no cylindrical lens (cyl_focal_length = 0)";
+        faults.unless(!turned, "optics.cyl_angle_deg", angle, straight);
         self.cylinder(settings, &mut faults);
         if let Some(layers) = &self.layers {
             self.layers(layers, &mut faults);
         }
         if let Err(Error::Malformed(field_faults)) = self.field.validate(settings) {
-            faults.0.extend(field_faults);
+            faults.found.extend(field_faults);
         }
-        if faults.0.is_empty() { Ok(()) } else { Err(Error::Malformed(faults.0)) }
+        faults.finish()
     }
 
     fn cylinder(&self, settings: &Settings, faults: &mut Faults) {
         let Some(cylinder) = &self.cylinder else { return };
-        let mut refuse = |message: String| {
-            faults.0.push(Fault::of("optics.cylinder", message));
-        };
+        let mut refuse = |message: String| faults.found.push(Fault::of("optics.cylinder", message));
         if self.lens != Lens::Aplanatic {
             refuse(
                 "expected nothing, or `lens: aplanatic`: MicroSIG's lens has `cyl_focal_length`".to_owned(),
@@ -353,45 +331,36 @@ impl WaveOptics {
 
     fn light(&self, faults: &mut Faults) {
         let (wavelength, width) = (self.wavelength_um, self.bandwidth_um);
-        faults.unless(
-            (0.1..=2.0).contains(&wavelength),
-            "render.wavelength_um",
-            wavelength,
-            "0.1 to 2 um, the wavelength in vacuum",
-        );
+        let fits = (0.1..=2.0).contains(&wavelength);
+        faults.unless(fits, "render.wavelength_um", wavelength, "0.1 to 2 um, the wavelength in vacuum");
         let widest = 0.3 * wavelength;
-        faults.unless(
-            width >= 0.0 && width <= widest || !wavelength.is_finite(),
-            "render.bandwidth_um",
-            width,
-            &format!("0 to {widest:.4} um, 0.3 wavelengths"),
-        );
+        let (fits, allowed) =
+            (width >= 0.0 && width <= widest, format!("0 to {widest:.4} um, 0.3 wavelengths"));
+        faults.unless(fits || !wavelength.is_finite(), "render.bandwidth_um", width, &allowed);
     }
 
     fn mask(&self, faults: &mut Faults) {
         match &self.pupil.mask {
             Mask::Open => {}
-            Mask::Annulus { inner } => faults.unless(
-                (0.0..1.0).contains(inner),
-                "optics.pupil.mask.annulus.inner",
-                *inner,
-                "0 or more and less than 1, in units of the pupil's radius",
-            ),
+            Mask::Annulus { inner } => {
+                let allowed = "0 or more and less than 1, in units of the pupil's radius";
+                let fits = (0.0..1.0).contains(inner);
+                faults.unless(fits, "optics.pupil.mask.annulus.inner", inner, allowed);
+            }
             Mask::Pinholes(holes) => {
-                if holes.is_empty() {
-                    faults.add("optics.pupil.mask.pinholes", "[]", "at least one pinhole");
-                }
+                let key = "optics.pupil.mask.pinholes";
+                faults.unless(!holes.is_empty(), key, "[]", "at least one pinhole");
                 for (i, hole) in holes.iter().enumerate() {
                     let key = format!("optics.pupil.mask.pinholes.{i}");
                     let shown = format!("(x: {}, y: {}, r: {})", hole.x, hole.y, hole.r);
                     let inside = libm::hypot(hole.x, hole.y) + hole.r <= 1.0;
-                    if !(hole.r > 0.0 && inside) {
-                        faults.add(&key, &shown, "a disc of radius > 0 within the pupil, whose radius is 1");
-                    }
+                    let allowed = "a disc of radius > 0 within the pupil, whose radius is 1";
+                    faults.unless(hole.r > 0.0 && inside, &key, &shown, allowed);
                     let over =
                         |other: &Pinhole| libm::hypot(hole.x - other.x, hole.y - other.y) < hole.r + other.r;
                     if let Some(other) = holes[..i].iter().position(over) {
-                        faults.add(&key, &shown, &format!("a disc that does not overlap pinhole {other}"));
+                        let allowed = format!("a disc that does not overlap pinhole {other}");
+                        faults.unless(false, &key, &shown, &allowed);
                     }
                 }
             }
@@ -400,26 +369,17 @@ impl WaveOptics {
 
     fn zernike(&self, faults: &mut Faults) {
         for (i, &(j, waves)) in self.pupil.zernike.iter().enumerate() {
-            if !(2..=LAST_ZERNIKE).contains(&j) {
-                faults.add(
-                    &format!("optics.pupil.zernike.{i}.0"),
-                    j,
-                    &format!("a Noll index from 2 to {LAST_ZERNIKE}"),
-                );
-            }
-            if self.pupil.zernike[..i].iter().any(|(other, _)| *other == j) {
-                faults.add(&format!("optics.pupil.zernike.{i}.0"), j, "each Noll index once");
-            }
+            let key = format!("optics.pupil.zernike.{i}.0");
+            let allowed = format!("a Noll index from 2 to {LAST_ZERNIKE}");
+            faults.unless((2..=LAST_ZERNIKE).contains(&j), &key, j, &allowed);
+            let is_new = self.pupil.zernike[..i].iter().all(|(other, _)| *other != j);
+            faults.unless(is_new, &key, j, "each Noll index once");
             let key = format!("optics.pupil.zernike.{i}.1");
             faults.unless(waves.is_finite(), &key, waves, "a finite number of waves rms");
         }
         let sum: f64 = self.pupil.zernike.iter().map(|(_, waves)| waves.abs()).sum();
-        faults.unless(
-            sum <= MAX_WAVES || !sum.is_finite(),
-            "optics.pupil.zernike",
-            sum,
-            "coefficients whose absolute values sum to at most 5 waves rms",
-        );
+        let allowed = "coefficients whose absolute values sum to at most 5 waves rms";
+        faults.unless(sum <= MAX_WAVES || !sum.is_finite(), "optics.pupil.zernike", sum, allowed);
     }
 
     fn layers(&self, layers: &Layers, faults: &mut Faults) {
