@@ -16,15 +16,17 @@ use crate::bspline;
 
 /// Layout of the coefficients of a plane, and the spline that they are the coefficients of.
 pub trait PlaneLayout: Debug + Clone + Send + Sync + Serialize + DeserializeOwned {
+    /// Factors of the number of coefficients per plane.
+    fn sizes(&self) -> [usize; 3];
+
     /// Number of coefficients per plane.
-    fn length(&self) -> usize;
+    fn length(&self) -> usize {
+        self.sizes().iter().product()
+    }
 
     /// The light on a pixel at (`dx`, `dy`) from the particle (px), and its derivatives with respect to the
     /// position of the pixel (1/px) and the depth of the particle (1/um): value, d/dx, d/dy, d/dz.
     fn at(&self, plane: &InterpolatedPlane, dx: f64, dy: f64) -> [f64; 4];
-
-    /// [`PlaneLayout::length`] of a layout that was read; `None` if no plane is so large.
-    fn checked_length(&self) -> Option<usize>;
 }
 
 /// A table of images over a range of depths and sizes.
@@ -171,7 +173,8 @@ impl<L: PlaneLayout> DepthTable<L> {
     pub(super) fn read(bytes: &[u8]) -> Option<Self> {
         let table: Self = postcard::from_bytes(bytes).ok()?;
         let images = table.field.count().checked_mul(table.radii.len())?;
-        let all = images.checked_mul(table.planes)?.checked_mul(table.layout.checked_length()?)?;
+        let sizes = [table.planes].into_iter().chain(table.layout.sizes());
+        let all = sizes.fold(Some(images), |all, size| all?.checked_mul(size))?;
         let fits =
             all == table.coefficients.len() && table.reach_px.len() == table.planes && table.planes >= 4;
         fits.then_some(table)

@@ -39,12 +39,11 @@ impl NodeLayout {
 
     /// Length of a plane, numbers.
     pub(super) fn length(&self) -> usize {
-        self.rows * self.row()
+        self.sizes().iter().product()
     }
 
-    /// The same of a layout that was read; `None` if no plane is so large.
-    pub(super) fn checked_length(&self) -> Option<usize> {
-        self.per_px.checked_mul(self.run)?.checked_mul(self.rows)
+    pub(super) fn sizes(&self) -> [usize; 3] {
+        [self.per_px, self.run, self.rows]
     }
 
     fn stored(&self, node: isize, origin: usize, nodes: usize) -> Option<usize> {
@@ -110,5 +109,41 @@ impl NodeLayout {
             sum[3] += weights_y[j] * by_z;
         }
         sum
+    }
+}
+
+/// Position of pixels relative to the nodes along an axis: consecutive pixels are `per_px` nodes apart and have
+/// the same weights.
+pub(super) struct Axis<const TAPS: usize> {
+    /// The first of the nodes around the first pixel, counted from the particle.
+    pub(super) first: isize,
+    pub(super) weights: [f32; TAPS],
+}
+
+impl<const TAPS: usize> Axis<TAPS> {
+    pub(super) fn new(
+        first_px: i64,
+        particle_px: f64,
+        per_px: usize,
+        spline: fn(f64) -> ([f64; TAPS], [f64; TAPS]),
+    ) -> Self {
+        let place = (first_px as f64 - particle_px) * per_px as f64;
+        let cell = libm::floor(place);
+        let first = cell as isize + 1 - TAPS as isize / 2;
+        Axis { first, weights: spline(place - cell).0.map(|w| w as f32) }
+    }
+
+    /// The stored nodes along x (`axis` 0) or y that contribute to `pixels` pixels.
+    pub(super) fn nodes(&self, pixels: usize, layout: &NodeLayout, axis: usize) -> std::ops::Range<usize> {
+        let last = self.first + (TAPS - 1 + (pixels - 1) * layout.per_px) as isize;
+        let (origin, end) = (layout.origin[axis] as isize, [layout.row(), layout.rows][axis]);
+        if !layout.mirrored {
+            let within = |node: isize| (node + origin).clamp(0, end as isize) as usize;
+            return within(self.first)..within(last + 1);
+        }
+        let crosses = self.first <= 0 && 0 <= last;
+        let nearest = if crosses { 0 } else { self.first.unsigned_abs().min(last.unsigned_abs()) };
+        let end = (self.first.unsigned_abs().max(last.unsigned_abs()) + 1).min(end);
+        nearest.min(end)..end
     }
 }

@@ -8,40 +8,22 @@ use rayon::prelude::*;
 
 use super::spline;
 
-/// Radii of the spheres of a table, um.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum TableRadii {
-    One(f64),
-    Between(f64, f64),
-}
-
-impl TableRadii {
-    /// From the smallest to the largest.
-    pub(super) fn new(small: f64, large: f64) -> Self {
-        if small == large { TableRadii::One(small) } else { TableRadii::Between(small, large) }
-    }
-
-    pub(super) fn smallest(self) -> f64 {
-        let (TableRadii::One(small) | TableRadii::Between(small, _)) = self;
-        small
-    }
-
-    pub(super) fn largest(self) -> f64 {
-        let (TableRadii::One(large) | TableRadii::Between(_, large)) = self;
-        large
-    }
-}
-
 /// What one table covers.
 #[derive(Debug, Clone, Copy)]
 pub struct TableSpan {
     /// The range of depths, um.
     pub(super) start_um: f64,
     pub(super) length_um: f64,
-    pub(super) radii: TableRadii,
+    /// The smallest and the largest radius of its spheres, um; one size if they are equal.
+    pub(super) radii: [f64; 2],
 }
 
 impl TableSpan {
+    /// A single depth and radius, um.
+    pub(super) fn single(z_um: f64, radius_um: f64) -> Self {
+        TableSpan { start_um: z_um, length_um: 0.0, radii: [radius_um; 2] }
+    }
+
     /// The middle of the range of depths, um.
     pub(super) fn middle_um(&self) -> f64 {
         self.start_um + 0.5 * self.length_um
@@ -127,7 +109,7 @@ impl Refinement {
         sample: impl Fn(f64, f64) -> Vec<f64> + Sync,
     ) -> RefinedPlanes {
         let depths = PlaneDepths { start_um: span.start_um, length_um: span.length_um, steps };
-        let smallest_sphere = |z_um: f64| sample(z_um, span.radii.smallest());
+        let smallest_sphere = |z_um: f64| sample(z_um, span.radii[0]);
         let first = first.unwrap_or_else(|| depths.sample(smallest_sphere));
         let (depths, mut planes, error) = self.planes(depths, first, smallest_sphere);
         let radii = self.radii(span.radii, |radius| sample(span.middle_um(), radius));
@@ -180,11 +162,10 @@ impl Refinement {
 
     /// The radii at which spheres are computed, um: one, or as many as interpolation between them needs.
     /// `sample` gives the plane of a radius (um).
-    fn radii(&self, radii: TableRadii, sample: impl Fn(f64) -> Vec<f64> + Sync) -> Vec<f64> {
-        let (small, large) = match radii {
-            TableRadii::One(radius) => return vec![radius],
-            TableRadii::Between(small, large) => (small, large),
-        };
+    fn radii(&self, [small, large]: [f64; 2], sample: impl Fn(f64) -> Vec<f64> + Sync) -> Vec<f64> {
+        if small == large {
+            return vec![small];
+        }
         let mut count = RADII;
         loop {
             let radii = chebyshev_points(small, large, count);

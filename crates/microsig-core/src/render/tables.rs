@@ -6,7 +6,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 use rayon::prelude::*;
 
 use super::depth_table::{DepthTable, PlaneLayout};
-use super::refinement::{TableRadii, TableSpan};
+use super::refinement::TableSpan;
 use super::store::Context;
 use crate::particle::Particle;
 
@@ -53,9 +53,8 @@ impl TableRanges {
 
     /// What the table of a key covers.
     pub(super) fn span(&self, (depth, small, large): Key) -> TableSpan {
-        let [small, large] = [small, large].map(|diameter| 0.5 * f64::from_bits(diameter));
-        let start_um = depth as f64 * self.length_um;
-        TableSpan { start_um, length_um: self.length_um, radii: TableRadii::new(small, large) }
+        let radii = [small, large].map(|diameter| 0.5 * f64::from_bits(diameter));
+        TableSpan { start_um: depth as f64 * self.length_um, length_um: self.length_um, radii }
     }
 }
 

@@ -159,7 +159,7 @@ impl<'b> Accumulator<'b> {
     /// Adds this number of groups of columns, from one column on: a loop of known length is unrolled.
     #[inline(always)]
     fn add_columns<const GROUPS: usize>(&mut self, images: [&[f32]; 4], cell: &Cell, column: usize) {
-        let (step, weights) = (self.layout.row_step(), cell.weights);
+        let (step, weights) = (self.layout.phases * self.layout.columns, cell.weights);
         for row in 0..self.layout.rows {
             let out = &mut self.values[cell.node as usize + row * self.stride + column..];
             let [a, b, c, d] = images.map(|image| image[row * step + column..].as_chunks::<LANES>().0);

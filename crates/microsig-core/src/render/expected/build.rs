@@ -37,7 +37,7 @@ const ATTEMPTS: usize = 4;
 /// The table of a span. If its error exceeds the tolerance, it is made again with more of what contributes
 /// most to the error.
 pub(super) fn table(model: &Model, span: TableSpan) -> DepthTable {
-    let fineness = model.fineness(span.middle_um(), span.radii.smallest());
+    let fineness = model.fineness(span.middle_um(), span.radii[0]);
     let part = 0.75 * model.tolerance;
     let mut builder = TableBuilder { model, span, fineness, node_error: part, depth_error: part };
     for _ in 1..ATTEMPTS {
@@ -80,8 +80,7 @@ impl TableBuilder<'_> {
     }
 
     fn table(&self) -> (DepthTable, Errors) {
-        let TableSpan { start_um, length_um, radii } = self.span;
-        let (small, large) = (radii.smallest(), radii.largest());
+        let TableSpan { start_um, length_um, radii: [small, large] } = self.span;
         let mut reach_px = [0.0f64; 2];
         for i in 0..9 {
             let z_um = start_um + length_um * f64::from(i) / 8.0;
@@ -165,7 +164,7 @@ impl TableBuilder<'_> {
         });
         let splines: Vec<Vec<f64>> = splines.collect();
         match nodes {
-            SampleNodes::Radial(rings) => {
+            SampleNodes::Radial(mut rings) => {
                 let n = rings.columns;
                 // Azimuthal orders that no plane needs are omitted.
                 let needed = |order: usize| {
@@ -175,8 +174,8 @@ impl TableBuilder<'_> {
                     };
                     splines.iter().any(is_lit)
                 };
-                let orders = (1..AZIMUTHS).rev().find(|&order| needed(order)).map_or(1, |order| order + 1);
-                let layout = PlaneLayout::Radial(rings.with_orders(orders));
+                rings.orders = (1..AZIMUTHS).rev().find(|&order| needed(order)).map_or(1, |order| order + 1);
+                let layout = PlaneLayout::Radial(rings);
                 let length = layout.length();
                 (layout, splines.iter().flat_map(|plane| plane[..length].iter().map(|&v| v as f32)).collect())
             }

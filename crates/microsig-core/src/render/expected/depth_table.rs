@@ -18,10 +18,10 @@ pub enum PlaneLayout {
 }
 
 impl depth_table::PlaneLayout for PlaneLayout {
-    fn length(&self) -> usize {
+    fn sizes(&self) -> [usize; 3] {
         match self {
-            PlaneLayout::Radial(rings) => rings.length(),
-            PlaneLayout::Quadrant(layout) => layout.length(),
+            PlaneLayout::Radial(rings) => [1, rings.orders, rings.columns],
+            PlaneLayout::Quadrant(layout) => layout.sizes(),
         }
     }
 
@@ -32,13 +32,6 @@ impl depth_table::PlaneLayout for PlaneLayout {
                 let [value, by_x, by_y, by_z] = layout.at(plane, [dx.abs(), dy.abs()], bspline::cubic);
                 [value, by_x * dx.signum(), by_y * dy.signum(), by_z]
             }
-        }
-    }
-
-    fn checked_length(&self) -> Option<usize> {
-        match self {
-            PlaneLayout::Radial(rings) => rings.orders.checked_mul(rings.columns),
-            PlaneLayout::Quadrant(layout) => layout.checked_length(),
         }
     }
 }

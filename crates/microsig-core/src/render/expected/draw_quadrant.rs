@@ -10,8 +10,10 @@
 use super::depth_table::PlaneLayout;
 use crate::bspline;
 use crate::render::image_sum::{Group, ImageBand, LANES, SphereImage};
-use crate::render::node_layout::NodeLayout;
+use crate::render::node_layout::{self, NodeLayout};
 use crate::render::patch::Window;
+
+type Axis = node_layout::Axis<4>;
 
 /// Number of zero groups before and after a line: the last group of pixels may extend beyond the nodes.
 const BEFORE: usize = 1;
@@ -41,10 +43,10 @@ impl QuadrantInterpolator {
     ) {
         let Window { x0, width, .. } = sphere.window;
         let pixel_rows = band.rows(&sphere.window);
-        let down = Axis::new(pixel_rows.start, sphere.y_px, layout.per_px);
-        let across = Across::new(&Axis::new(x0, sphere.x_px, layout.per_px), layout);
+        let down = Axis::new(pixel_rows.start, sphere.y_px, layout.per_px, bspline::cubic);
+        let across = Across::new(&Axis::new(x0, sphere.x_px, layout.per_px, bspline::cubic), layout);
         let count = (pixel_rows.end - pixel_rows.start) as usize;
-        let rows = down.nodes(count, layout);
+        let rows = down.nodes(count, layout, 1);
         self.blend(sphere, layout, &rows, across.line);
 
         let first = band.first(&sphere.window, pixel_rows.start);
@@ -172,31 +174,6 @@ fn weigh(weights: &[f32; 4], a: &Group, b: &Group, c: &Group, d: &Group) -> Grou
     sum
 }
 
-/// Interpolation along one axis. All pixels have the same weights; the nodes advance by `per_px` per pixel.
-struct Axis {
-    /// The node before the first pixel, counted from the sphere.
-    cell: isize,
-    /// Weights of the four nodes around each pixel.
-    weights: [f32; 4],
-}
-
-impl Axis {
-    fn new(first: i64, sphere_px: f64, per_px: usize) -> Axis {
-        let place = (first as f64 - sphere_px) * per_px as f64;
-        let cell = libm::floor(place);
-        Axis { cell: cell as isize, weights: bspline::cubic(place - cell).0.map(|w| w as f32) }
-    }
-
-    /// The rows of nodes that contribute to `pixels` pixel rows; rows beyond the axis are mirror images.
-    fn nodes(&self, pixels: usize, layout: &NodeLayout) -> std::ops::Range<usize> {
-        let (first, last) = (self.cell - 1, self.cell + 2 + ((pixels - 1) * layout.per_px) as isize);
-        let crosses = first <= 0 && 0 <= last;
-        let nearest = if crosses { 0 } else { first.unsigned_abs().min(last.unsigned_abs()) };
-        let end = (first.unsigned_abs().max(last.unsigned_abs()) + 1).min(layout.rows);
-        nearest.min(end)..end
-    }
-}
-
 /// Interpolation of lines at the columns of a window.
 struct Across {
     /// Number of values per phase in a line.
@@ -211,8 +188,8 @@ impl Across {
     fn new(axis: &Axis, layout: &NodeLayout) -> Across {
         let line = (BEFORE + BEHIND) * LANES + 2 * layout.run;
         let (middle, per_px) = ((BEFORE * LANES + layout.run) as isize, layout.per_px as isize);
-        let starts = [-1, 0, 1, 2].map(|k| {
-            let node = axis.cell + k;
+        let starts = [0, 1, 2, 3].map(|k| {
+            let node = axis.first + k;
             node.rem_euclid(per_px) as usize * line + (middle + node.div_euclid(per_px)) as usize
         });
         Across { line, starts, weights: axis.weights }
@@ -267,8 +244,8 @@ impl Panel<'_> {
             &values[row * columns..][..columns]
         };
         for (row, pixels) in pixels.chunks_mut(self.stride).take(self.count).enumerate() {
-            let cell = self.down.cell + (row * self.per_px) as isize;
-            let (a, b, c, d) = (at(cell - 1), at(cell), at(cell + 1), at(cell + 2));
+            let first = self.down.first + (row * self.per_px) as isize;
+            let (a, b, c, d) = (at(first), at(first + 1), at(first + 2), at(first + 3));
             let (a, b, c, d) = (groups(a), groups(b), groups(c), groups(d));
             for (group, pixels) in pixels[..columns].as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
                 let light = weigh(&weights, &a[group], &b[group], &c[group], &d[group]);

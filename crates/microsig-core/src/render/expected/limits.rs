@@ -5,7 +5,7 @@ use std::sync::{PoisonError, RwLock};
 
 use super::model::Model;
 use super::pupil::Pupil;
-use crate::error::{Error, Fault};
+use crate::error::Error;
 use crate::particle::Particle;
 use crate::render::tables::{Key, TableRanges};
 use crate::settings::Settings;
@@ -30,8 +30,7 @@ pub(super) fn check_cylinder(settings: &Settings, pupil: &Pupil) -> Result<(), E
          focal length spreads a point over more than {FARTHEST_PX} px)",
         cylinder.focal_length
     );
-    let source_name = "settings".to_owned();
-    Err(Error::Malformed(vec![Fault::of(&source_name, message)]))
+    Err(Error::malformed("settings", message))
 }
 
 /// Rejects a particle whose image takes more than [`MAX_CELLS`] aperture cells.
@@ -60,7 +59,7 @@ impl KnownCells {
         let known = self.0.read().unwrap_or_else(PoisonError::into_inner).get(&key).copied();
         known.unwrap_or_else(|| {
             let span = ranges.span(key);
-            let cells = model.cells(span.middle_um(), span.radii.largest());
+            let cells = model.cells(span.middle_um(), span.radii[1]);
             self.0.write().unwrap_or_else(PoisonError::into_inner).insert(key, cells);
             cells
         })

@@ -55,11 +55,6 @@ impl RadialLayout {
         RadialLayout { per_px: 2.0 * self.per_px, columns: 2 * self.columns, ..self }
     }
 
-    /// The same with this number of azimuthal orders.
-    pub(super) fn with_orders(self, orders: usize) -> RadialLayout {
-        RadialLayout { orders, ..self }
-    }
-
     fn steps(&self, z_um: f64) -> f64 {
         1.0 + self.growth * (z_um - self.middle_um)
     }
@@ -72,11 +67,6 @@ impl RadialLayout {
     /// Relative derivative of [`Self::per_px`] with respect to depth, 1/um.
     pub(super) fn per_px_by_z(&self, z_um: f64) -> f64 {
         -self.growth / self.steps(z_um)
-    }
-
-    /// Number of values per plane.
-    pub(super) fn length(&self) -> usize {
-        self.orders * self.columns
     }
 
     /// The image and its derivatives, as [`crate::render::depth_table::PlaneLayout::at`]: f0(r) + f4(r) cos 4

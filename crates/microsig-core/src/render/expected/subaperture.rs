@@ -92,12 +92,6 @@ impl SubapertureLayout {
         let [columns, rows] = half.map(|half| (2 * half as usize + 1).div_ceil(phases));
         SubapertureLayout { fine, phases, columns: columns.next_multiple_of(LANES), rows, half }
     }
-
-    /// Distance between rows of a small image.
-    #[inline(always)]
-    pub(super) fn row_step(&self) -> usize {
-        self.phases * self.columns
-    }
 }
 
 /// A subaperture image: small images by phase of the columns, fine step along rows, column.
@@ -162,7 +156,7 @@ impl<'b> SubapertureImage<'b> {
         SubapertureImage { layout, images }
     }
 
-    /// The small image for a phase: row `k` begins at `k` times [`SubapertureLayout::row_step`].
+    /// The small image for a phase: row `k` begins at `k * phases * columns`.
     pub(super) fn image(&self, phase_x: usize, phase_y: usize) -> &[f32] {
         let SubapertureLayout { phases, columns, rows, .. } = self.layout;
         &self.images[(phase_x * rows * phases + phase_y) * columns..]

@@ -115,7 +115,7 @@ impl TableBuilder<'_> {
         let depths: Vec<f64> = (0..3).map(|i| start_um + 0.5 * length_um * f64::from(i)).collect();
         let reaches = |model: &Model, frame: &Frame| -> Vec<[f64; 2]> {
             let exposure = model.exposure(frame, 1);
-            let plane = |z_um: &f64| model.plane(&model.light(frame, *z_um, self.large()), &exposure);
+            let plane = |z_um: &f64| model.plane(&model.light(frame, *z_um, self.span.radii[1]), &exposure);
             depths.par_iter().map(|z_um| self.reach(&plane(z_um), &exposure)).collect()
         };
         let corners = self.corners().into_iter().flat_map(|model| reaches(&model, &model.frame(frame.scope)));
@@ -130,14 +130,6 @@ impl TableBuilder<'_> {
             .into()
     }
 
-    fn small(&self) -> f64 {
-        self.span.radii.smallest()
-    }
-
-    fn large(&self) -> f64 {
-        self.span.radii.largest()
-    }
-
     fn end_um(&self) -> f64 {
         self.span.start_um + self.span.length_um
     }
@@ -148,7 +140,7 @@ impl TableBuilder<'_> {
         self.model.frame(Scope {
             from_um: self.span.start_um - around,
             to_um: self.end_um() + around,
-            radius_um: self.large(),
+            radius_um: self.span.radii[1],
             edge_px,
             fineness,
         })
@@ -181,7 +173,7 @@ impl TableBuilder<'_> {
         let rims = self.rims();
         let bare = self.bare(&rims);
         let even = |&(z_um, [x, y]): &(f64, [f64; 2])| {
-            self.model.accepted(z_um, self.large()) / (std::f64::consts::PI * x.max(1.0) * y.max(1.0))
+            self.model.accepted(z_um, self.span.radii[1]) / (std::f64::consts::PI * x.max(1.0) * y.max(1.0))
         };
         self.with_tails(bare, &rims, &rims.iter().map(even).collect::<Vec<_>>())
     }
@@ -192,8 +184,8 @@ impl TableBuilder<'_> {
         depths.dedup();
         let corners = self.corners();
         let rim = |z_um: f64| {
-            let rims = corners.iter().map(|model| model.rim_px(z_um, self.large()));
-            rims.fold(self.model.rim_px(z_um, self.large()), |a, b| [a[0].max(b[0]), a[1].max(b[1])])
+            let rims = corners.iter().map(|model| model.rim_px(z_um, self.span.radii[1]));
+            rims.fold(self.model.rim_px(z_um, self.span.radii[1]), |a, b| [a[0].max(b[0]), a[1].max(b[1])])
         };
         depths.into_iter().map(|z_um| (z_um, rim(z_um))).collect()
     }
@@ -216,7 +208,8 @@ impl TableBuilder<'_> {
     fn peaks(&self, bare: [usize; 2], rims: &[(f64, [f64; 2])]) -> Vec<f64> {
         let frame = self.frame(bare, 1.0);
         let exposure = self.model.exposure(&frame, 1);
-        let plane = |z_um: f64| self.model.plane(&self.model.light(&frame, z_um, self.large()), &exposure);
+        let plane =
+            |z_um: f64| self.model.plane(&self.model.light(&frame, z_um, self.span.radii[1]), &exposure);
         rims.par_iter().map(|&(z_um, _)| peak(&plane(z_um))).collect()
     }
 
@@ -231,11 +224,11 @@ impl TableBuilder<'_> {
 
     /// Fraction of the peak below which light is not rendered.
     fn cut(&self) -> f64 {
-        self.model.tolerance * if self.large() > 0.0 { CUT } else { CUT_OF_POINTS }
+        self.model.tolerance * if self.span.radii[1] > 0.0 { CUT } else { CUT_OF_POINTS }
     }
 
     fn on_frame(&self, frame: &Frame) -> Table {
-        let (model, small) = (self.model, self.small());
+        let (model, small) = (self.model, self.span.radii[0]);
         let TableSpan { start_um, length_um, .. } = self.span;
         let depths = PlaneDepths { start_um, length_um, steps: STEPS };
         let lights = depths.sample(|z_um| model.light(frame, z_um, small));
@@ -271,7 +264,7 @@ impl TableBuilder<'_> {
             images.par_iter().map(plane).collect()
         };
         // At both ends of the range.
-        let ends = [self.span.start_um, self.end_um()].map(|z_um| (z_um, self.small()));
+        let ends = [self.span.start_um, self.end_um()].map(|z_um| (z_um, self.span.radii[0]));
         let nodes_of = |degree: usize| FieldNodes::new(degree, waves.size_px());
         let between: Vec<([f64; 2], Vec<Vec<f64>>)> = BETWEEN
             .iter()
@@ -344,7 +337,7 @@ impl TableBuilder<'_> {
         step_um: Option<f64>,
         reaches: impl Fn([usize; 2]) -> bool,
     ) -> Table {
-        let (model, radius_um, z_um) = (self.model, self.large(), self.span.start_um);
+        let (model, radius_um, z_um) = (self.model, self.span.radii[1], self.span.start_um);
         let depths = (scale * z_um, scale * step_um.unwrap_or(1.0));
         let mut edge_px = self.faint_edges();
         if step_um.is_none() && !reaches(edge_px) {
@@ -398,7 +391,8 @@ impl TableBuilder<'_> {
         // The extent at each depth is the maximum over all sizes.
         let reaches: Vec<[f64; 2]> = (0..per_size)
             .map(|i| {
-                let size_reaches = planes.chunks(per_size).map(|size_planes| self.reach(&size_planes[i], exposure));
+                let size_reaches =
+                    planes.chunks(per_size).map(|size_planes| self.reach(&size_planes[i], exposure));
                 size_reaches.fold([0.0f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])])
             })
             .collect();

@@ -9,38 +9,11 @@
 use super::layout::Layout;
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::render::image_sum::{ImageBand, LANES, SphereImage};
-use crate::render::node_layout::NodeLayout;
+use crate::render::node_layout::{self, NodeLayout};
 use crate::render::patch::Window;
 use crate::render::tabled;
 
-/// Position of pixels relative to the nodes along an axis: consecutive pixels are `per_px` nodes apart and
-/// have the same weights.
-struct Axis {
-    /// The first of the six nodes around the first pixel, counted from the sphere.
-    first: isize,
-    weights: [f32; TAPS],
-}
-
-impl Axis {
-    fn new(first_px: i64, sphere_px: f64, per_px: usize) -> Axis {
-        let place = (first_px as f64 - sphere_px) * per_px as f64;
-        let cell = libm::floor(place);
-        Axis { first: cell as isize - 2, weights: bspline::quintic(place - cell).0.map(|w| w as f32) }
-    }
-
-    /// The stored nodes that contribute to `pixels` pixels.
-    fn nodes(&self, pixels: usize, layout: &NodeLayout, origin: usize, end: usize) -> std::ops::Range<usize> {
-        let last = self.first + (TAPS - 1 + (pixels - 1) * layout.per_px) as isize;
-        if !layout.mirrored {
-            let within = |node: isize| (node + origin as isize).clamp(0, end as isize) as usize;
-            return within(self.first)..within(last + 1);
-        }
-        let crosses = self.first <= 0 && 0 <= last;
-        let nearest = if crosses { 0 } else { self.first.unsigned_abs().min(last.unsigned_abs()) };
-        let end = (self.first.unsigned_abs().max(last.unsigned_abs()) + 1).min(end);
-        nearest.min(end)..end
-    }
-}
+type Axis = node_layout::Axis<TAPS>;
 
 /// Zeros before and after a line, as pixels may extend beyond the nodes.
 const PADDING: usize = 2 * LANES;
@@ -64,11 +37,11 @@ impl tabled::Pen<Layout> for Pen {
         let top = pixel_rows.start;
         let layout = &sphere.table.layout.nodes;
         let count = (pixel_rows.end - top) as usize;
-        let down = Axis::new(top, sphere.y_px, layout.per_px);
-        let across = Axis::new(x0, sphere.x_px, layout.per_px);
-        let rows = down.nodes(count, layout, layout.origin[1], layout.rows);
+        let down = Axis::new(top, sphere.y_px, layout.per_px, bspline::quintic);
+        let across = Axis::new(x0, sphere.x_px, layout.per_px, bspline::quintic);
+        let rows = down.nodes(count, layout, 1);
         // Number of nodes needed of each phase, a multiple of the lanes.
-        let far = across.nodes(width, layout, layout.origin[0], layout.row()).end;
+        let far = across.nodes(width, layout, 0).end;
         let run = (far / layout.per_px + 1).next_multiple_of(LANES).min(layout.run);
         let columns = width.next_multiple_of(LANES);
         self.values_at_columns(sphere, layout, &rows, (&across, run), (width, columns));

@@ -21,15 +21,11 @@ pub struct Layout {
 }
 
 impl PlaneLayout for Layout {
-    fn length(&self) -> usize {
-        self.nodes.length()
+    fn sizes(&self) -> [usize; 3] {
+        self.nodes.sizes()
     }
 
     fn at(&self, plane: &InterpolatedPlane, dx: f64, dy: f64) -> [f64; 4] {
         self.nodes.at(plane, [dx, dy], bspline::quintic)
-    }
-
-    fn checked_length(&self) -> Option<usize> {
-        self.nodes.checked_length()
     }
 }

@@ -39,7 +39,7 @@ mod zernike;
 use super::instructions::InstructionSet;
 use super::interface::{Description, Render, Traits};
 use super::rays::RayRenderer;
-use super::refinement::{TableRadii, TableSpan};
+use super::refinement::TableSpan;
 use super::shape::SpheroidLight;
 use super::store::Context;
 use super::tabled::{self, ImageModel, Source, TabledRenderer};
@@ -197,10 +197,6 @@ impl WavesRenderer {
 impl Waves {
     fn path_difference_waves(&self, z_um: f64) -> f64 {
         self.model.pupil.own_spread(z_um) / self.optics.wavelength_um
-    }
-
-    fn is_without_tables(&self) -> bool {
-        self.model.kernels.is_some()
     }
 
     fn has_coma(&self) -> bool {
@@ -511,11 +507,7 @@ impl ImageModel for Waves {
         let at_px = [sphere.x_px, sphere.y_px];
         let local = self.optics.field.has_aberrations().then(|| self.model_at(at_px, false));
         let scale = if local.is_some() { self.depth_scale(at_px) } else { 1.0 };
-        let span = TableSpan {
-            start_um: sphere.z_um / scale,
-            length_um: 0.0,
-            radii: TableRadii::One(0.5 * sphere.d_um),
-        };
+        let span = TableSpan::single(sphere.z_um / scale, 0.5 * sphere.d_um);
         let builder = TableBuilder {
             model: local.as_ref().unwrap_or(&self.model),
             span,

@@ -7,7 +7,7 @@ use super::spheroid::{self, MANY_EMITTERS, MAX_EMITTERS};
 use crate::emission::emitted_rays;
 use crate::error::{Error, shown};
 use crate::particle::{Particle, Spheroid};
-use crate::render::refinement::{TableRadii, TableSpan};
+use crate::render::refinement::TableSpan;
 use crate::render::tabled::Source;
 
 /// Radius of a sphere times the largest wave number across the optical axis, above which its modes take
@@ -133,10 +133,9 @@ impl Waves {
 
     /// Half width and half height of a sphere's image, px, without building its table.
     fn extent_of_sphere_px(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
-        let span = TableSpan { start_um: z_um, length_um: 0.0, radii: TableRadii::One(radius_um) };
-        let draft = self.draft(span, self.has_coma());
+        let builder = self.builder(TableSpan::single(z_um, radius_um), self.has_coma());
         // Without tables, the extents of a scenario would take as long as its images.
-        let edges = if self.is_without_tables() { draft.faint_edges() } else { draft.extent() };
+        let edges = if self.model.kernels.is_some() { builder.faint_edges() } else { builder.extent() };
         edges.map(|edge| edge as f64)
     }
 }
