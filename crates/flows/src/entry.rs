@@ -65,10 +65,6 @@ impl DepthRange {
     pub(crate) fn middle(self) -> [f64; 3] {
         [0.0, 0.0, 0.5 * (self.floor_um + self.ceiling_um)]
     }
-
-    pub(crate) fn half_depth(self) -> f64 {
-        0.5 * (self.ceiling_um - self.floor_um)
-    }
 }
 
 /// The parameters of a field that has a formula of its own, with its entry in the registry. Implemented in

@@ -37,11 +37,6 @@ impl<'a> NearWalls<'a> {
         NearWalls { fluid, radius, pull: DVec3::ZERO }
     }
 
-    /// The same for spheres that a force pulls; `pull` is the force over kB T, 1/um.
-    pub(crate) fn pulling(self, pull: DVec3) -> Self {
-        NearWalls { pull, ..self }
-    }
-
     /// Radius of the spheres, um.
     pub(crate) fn radius(&self) -> f64 {
         self.radius

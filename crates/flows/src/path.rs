@@ -183,10 +183,10 @@ impl Scene<'_> {
     /// Walls that slow spheres of diameter `d_um` (um), which settle forward in time or, if `dt` < 0,
     /// backward; `None` if walls do not slow them.
     fn pulling_walls(&self, brownian: &Brownian, d_um: f64, dt: f64) -> Option<NearWalls<'_>> {
-        let walls = self.slowing_walls(d_um)?;
+        let mut walls = self.slowing_walls(d_um)?;
         let slip = self.settling.filter(|_| dt != 0.0).map(|s| s.velocity(d_um, &self.friction, DVec3::Y));
-        let pull = slip.unwrap_or_default() * (dt.signum() / brownian.diffusion(d_um));
-        Some(walls.pulling(pull))
+        walls.pull = slip.unwrap_or_default() * (dt.signum() / brownian.diffusion(d_um));
+        Some(walls)
     }
 
     /// The pose after a Brownian step over a time `h` (s, > 0) and settling over a time `settling_s` (s, of

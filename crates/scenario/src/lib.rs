@@ -2,7 +2,6 @@
 
 mod brightness;
 mod calibration;
-mod cylinder;
 mod drawing;
 mod field;
 mod field_of_view;

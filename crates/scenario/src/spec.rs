@@ -17,8 +17,8 @@ use serde_json::{Value, json};
 use storage::dataset::manifest::ScoringRules;
 
 pub use super::calibration::Calibration;
-pub use super::cylinder::Cylinder;
 pub use super::field::{Changed, Field, Gridded};
+pub use super::focal_planes::Cylinder;
 use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;

@@ -27,7 +27,6 @@ mod ncc;
 mod opposite;
 mod output;
 mod piv;
-mod recorded_noise;
 mod recording;
 mod regions;
 mod search;

@@ -15,13 +15,12 @@ use microsig_core::{Particle, Settings, Spheroid};
 use rayon::prelude::*;
 
 use super::calibration::{self, Origin};
-use super::denoise::PixelNoise;
+use super::denoise::{PixelNoise, RecordedNoise};
 use super::field_images::FieldPlaces;
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
 use super::locate::Locator;
-use super::recorded_noise::RecordedNoise;
 use super::shape_fit::Pose;
 use super::spheroids;
 use super::stack::{Stack, brightest};
@@ -89,12 +88,16 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let sensor = manifest.microsig.sensor.as_ref().map(|sensor| [sensor.width_px, sensor.height_px]);
     let (mut search, mut images) = (Vec::<Vec<Templates>>::new(), Vec::new());
     let origins = calibration::origins(job.dataset)?;
-    let sizes = stacks.into_iter().zip(&origins).map(|(stack, origin)| size_templates(job, stack, origin, sensor));
+    let sizes =
+        stacks.into_iter().zip(&origins).map(|(stack, origin)| size_templates(job, stack, origin, sensor));
     let (sizes, left_out) = calibration::usable_sizes(sizes)?;
     left_out.into_iter().for_each(|warning| job.warn(warning));
     for (templates, model) in sizes {
         search.resize_with(templates.len(), Vec::new);
-        search.iter_mut().zip(templates).for_each(|(place_templates, templates)| place_templates.push(templates));
+        search
+            .iter_mut()
+            .zip(templates)
+            .for_each(|(place_templates, templates)| place_templates.push(templates));
         images.push(model);
     }
     let places = FieldPlaces::new(sensor.map_or_else(Vec::new, places));
@@ -284,7 +287,8 @@ fn size_templates(
             Templates::new(stack.depths_um.clone(), images, stack.noise)
         })
         .collect();
-    let radius = |z_um: &f64| templates.iter().map(|place_templates| place_templates.radius_px(*z_um, 0.0)).max();
+    let radius =
+        |z_um: &f64| templates.iter().map(|place_templates| place_templates.radius_px(*z_um, 0.0)).max();
     model.radii = model.depths_um.iter().map(|z_um| radius(z_um).unwrap_or(0)).collect();
     Ok((templates, model))
 }

@@ -7,10 +7,9 @@
 //! final fit interpolates between them (`field_images`).
 
 use super::calibration::{self, CalibrationImage, PlaceStacks};
-use super::denoise::PixelNoise;
+use super::denoise::{PixelNoise, RecordedNoise};
 use super::field_images::{FieldImages, FieldPlaces};
 use super::locate::Locator;
-use super::recorded_noise::RecordedNoise;
 use super::shape_correlation;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
@@ -62,9 +61,12 @@ fn field_locator(places: Vec<PlaceStacks>, recorded: Option<RecordedNoise>) -> L
     }
     let stack_noise = stack_noise.unwrap_or(PixelNoise::new(1.0, 0.0));
     let noise = recorded.map_or(stack_noise, |recorded| recorded.frame_noise(stack_noise));
-    let images = sizes.iter().map(|size_templates| FieldImages::new(at.clone(), size_templates.clone())).collect();
+    let images =
+        sizes.iter().map(|size_templates| FieldImages::new(at.clone(), size_templates.clone())).collect();
     // The search uses the stack that is nearest.
-    let nearest = (0..at.len()).map(|k| sizes.iter().map(|size_templates| size_templates[k].clone()).collect()).collect();
+    let nearest = (0..at.len())
+        .map(|k| sizes.iter().map(|size_templates| size_templates[k].clone()).collect())
+        .collect();
     Locator::over_field(nearest, at, images, TEMPLATE_ERROR, noise)
 }
 

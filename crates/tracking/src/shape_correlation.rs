@@ -8,6 +8,7 @@
 
 use glam::DVec3;
 use microsig_core::cancel::checkpoint;
+use microsig_core::visibility::vertex;
 
 use super::AspectRatio;
 use super::acceptance::LEAST_CORRELATION;
@@ -155,13 +156,6 @@ fn agreement(local: &Residual, image: &[f32], [dx, dy]: [isize; 2]) -> Agreement
         agreement.add(local.weight[pixel], local.image.counts[pixel], *light);
     }
     agreement
-}
-
-/// Position of the maximum of a parabola through three values, in steps from the middle one, and its value.
-fn vertex([low, middle, high]: [f64; 3]) -> (f64, f64) {
-    let (slope, curvature) = (0.5 * (high - low), low - 2.0 * middle + high);
-    let at = if curvature < 0.0 { (-slope / curvature).clamp(-1.0, 1.0) } else { 0.0 };
-    (at, middle + slope * at + 0.5 * curvature * at * at)
 }
 
 /// The square of this half width around a place, resampled so that the place is the center of a pixel.

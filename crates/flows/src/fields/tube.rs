@@ -36,7 +36,7 @@ entry! {
     {
         fn fill_defaults(&mut self, depths: DepthRange) {
             self.center_yz_um.get_or_insert([0.0, depths.middle()[2]]);
-            self.radius_um.get_or_insert(depths.half_depth());
+            self.radius_um.get_or_insert(0.5 * (depths.ceiling_um - depths.floor_um));
             // `build` reports values that cannot be converted.
             if let Ok(max) = self.max_speed() {
                 (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);

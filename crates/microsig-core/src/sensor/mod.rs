@@ -10,7 +10,6 @@
 mod detector;
 mod image;
 mod maps;
-mod normal_steps;
 #[cfg(target_arch = "x86_64")]
 mod registers;
 mod response;
@@ -20,6 +19,7 @@ pub use detector::{Detector, HotPixels};
 pub use image::{Counts, Image, ImageFormat};
 pub use maps::{PixelMap, PixelMaps, PixelQuantity};
 pub use response::Response;
+use rounded_normal::NormalSteps;
 pub use rounded_normal::RoundedNormal;
 
 use rayon::prelude::*;
@@ -30,7 +30,6 @@ use crate::settings::Settings;
 use crate::stream::{Purpose, Stream, Streams};
 use detector::FixedPattern;
 use image::Pixel;
-use normal_steps::NormalSteps;
 
 /// Light on the sensor: ray counts per pixel, weighted with the particles' c_int.
 #[derive(Debug, Clone, PartialEq)]
@@ -155,7 +154,9 @@ impl Sensor {
         let row_stream = |row: usize| streams.stream(purpose, frame, row as u32);
         match self.format {
             ImageFormat::Integer => self.image(size, Counts::Whole(self.bands(size, rows, row_stream, make))),
-            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.bands(size, rows, row_stream, make))),
+            ImageFormat::Float32 => {
+                self.image(size, Counts::Unrounded(self.bands(size, rows, row_stream, make)))
+            }
         }
     }
 
@@ -304,7 +305,7 @@ impl<P: Pixel> pulp::WithSimd for UnroundedRow<'_, P> {
         let (gain, background) = (self.sensor.gain, self.sensor.background_mean);
         let random = self.noise.iter().zip(self.within);
         for ((count, value), (&noise, &within)) in self.counts.iter_mut().zip(self.values).zip(random) {
-            let level = gain * value + background + self.step * normal_steps::place(noise, within);
+            let level = gain * value + background + self.step * rounded_normal::place(noise, within);
             *count = P::of(level, LARGEST);
         }
     }

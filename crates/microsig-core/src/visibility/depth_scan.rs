@@ -119,7 +119,7 @@ impl DepthScan {
             let last = values.len() - 1;
             let least = (0..=last).min_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or_default();
             let shift = match (1..last).contains(&least) {
-                true => vertex([least - 1, least, least + 1].map(|i| -value(i))),
+                true => vertex([least - 1, least, least + 1].map(|i| -value(i))).0,
                 false => 0.0,
             };
             self.depths_um[least] + shift * (self.depths_um[1] - self.depths_um[0])
@@ -139,10 +139,12 @@ impl DepthScan {
     }
 }
 
-/// Position of the vertex of the parabola through values at -1, 0 and 1; 0 if it is no maximum.
-fn vertex([below, at, above]: [f64; 3]) -> f64 {
-    let curvature = 2.0 * at - below - above;
-    if curvature > 0.0 { 0.5 * (above - below) / curvature } else { 0.0 }
+/// Position of the maximum of the parabola through values at -1, 0 and 1, and its value; at most a step from the
+/// middle, and there if it has none.
+pub fn vertex([low, middle, high]: [f64; 3]) -> (f64, f64) {
+    let (slope, curvature) = (0.5 * (high - low), low - 2.0 * middle + high);
+    let at = if curvature < 0.0 { (-slope / curvature).clamp(-1.0, 1.0) } else { 0.0 };
+    (at, middle + slope * at + 0.5 * curvature * at * at)
 }
 
 /// The depth (um) and the image of the highest peak. `known`: peaks at equally spaced depths.
@@ -175,7 +177,7 @@ fn sharpest(
     let best = highest(&known);
     let (z_um, peak) = known[best];
     if best > 0 && best + 1 < known.len() {
-        let shift = vertex([best - 1, best, best + 1].map(|i| known[i].1));
+        let shift = vertex([best - 1, best, best + 1].map(|i| known[i].1)).0;
         let step_um = known[best + 1].0 - z_um;
         let at_vertex = image(&(z_um + shift * step_um));
         if at_vertex.peak >= peak {

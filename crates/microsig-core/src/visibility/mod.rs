@@ -8,7 +8,7 @@ mod overlap;
 mod run_length;
 mod spheroid;
 
-pub use depth_scan::{DepthScan, ScanImage};
+pub use depth_scan::{DepthScan, ScanImage, vertex};
 pub use noise_free::{NoiseFree, Patch, TOLERANCE};
 pub use outline::Outline;
 pub use overlap::{TracerImage, Visibility, visibility};

@@ -217,11 +217,12 @@ impl<'a> Schema<'a> {
 
     /// A suggestion for a misspelled key or variant; if none is similar, the list of existing ones.
     pub fn suggestion(&self, parent: &str, name: &str) -> Option<String> {
-        let names: Vec<&str> = self
-            .find(parent)
-            .or_else(|| parent.is_empty().then(|| self.as_entry()))
-            .map_or_else(Vec::new, |entry| {
-                entry.schema.map_or_else(Vec::new, |schema| schema.children().iter().map(|e| e.name).collect())
+        let own = Entry { name: "", is_variant: false, schema: Some(*self), site: self.site };
+        let names: Vec<&str> =
+            self.find(parent).or_else(|| parent.is_empty().then_some(own)).map_or_else(Vec::new, |entry| {
+                entry
+                    .schema
+                    .map_or_else(Vec::new, |schema| schema.children().iter().map(|e| e.name).collect())
             });
         if let Some(near) = nearest(name, names.iter().copied()) {
             return Some(format!("did you mean `{near}`?"));
@@ -235,10 +236,6 @@ impl<'a> Schema<'a> {
             return Some(format!("did you mean `{path}`?"));
         }
         (!names.is_empty()).then(|| format!("expected one of {}", names.join(", ")))
-    }
-
-    fn as_entry(&self) -> Entry<'a> {
-        Entry { name: "", is_variant: false, schema: Some(*self), site: self.site }
     }
 
     /// The range of a number.
