@@ -544,39 +544,6 @@ def scenarios(program, out, options):
         sys.exit("\n".join(failures))
 
 
-# --- emulation: golden scenarios on processors with fewer instructions, by qemu's user mode ----------------------------------------------
-
-
-def emulation(program, out, options):
-    # All that qemu emulates, AVX2, SSE4.2 only.
-    processors, different, rows = ["max", "Haswell", "Nehalem"], 0, []
-    version = subprocess.run(["qemu-x86_64", "--version"], capture_output=True, check=True, text=True).stdout.splitlines()[0]
-    for scenario in sorted((ROOT / "tests/data/golden").glob("*.ron")):
-        if options.only not in scenario.stem:
-            continue
-        sums, cells = {}, []
-        for processor in ["here", *processors]:
-            emulator = [] if processor == "here" else ["qemu-x86_64", "-cpu", processor]
-            with tempfile.TemporaryDirectory() as scratch:
-                made = Path(scratch, "out")
-                command = [*emulator, program, "generate", scenario, "--out", made, "--quiet", "--threads", "1", "--no-cache"]
-                seconds = measured(command)[0][0]
-                sums[processor] = (made / "SHA256SUMS").read_text()
-            same = sums[processor] == sums["here"]
-            different += not same
-            cells.append(f"{seconds:.1f}" + ("" if same else " **other bytes**"))
-        rows.append([scenario.stem, *cells])
-        print(*rows[-1], flush=True)
-    text = (
-        f"# Other processors\n\nMade by `python3 results/records.py emulation` ({version}): {machine(program)}. Seconds of `generate` on one "
-        "thread, without stored tables.\n\n"
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "emulation.md").write_text(text + table(["scenario", "here", *processors], rows) + f"**{different} folders differ.**\n")
-    if different:
-        sys.exit(f"{different} folders differ")
-
-
 RECORDS = {
     "performance": performance,
     "instructions": instructions,
@@ -584,9 +551,8 @@ RECORDS = {
     "scoring": scoring,
     "baselines": baselines,
     "scenarios": scenarios,
-    "emulation": emulation,
 }
-PLACES = {"instructions": "performance/instructions", "emulation": "robustness"}
+PLACES = {"instructions": "performance/instructions"}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
