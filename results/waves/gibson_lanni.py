@@ -23,7 +23,7 @@ PHOTONS = 1e9
 # NA, layers, depths below the cover slip, um
 WATER = dict(n_s=1.33, n_g=1.515, n_g_design=1.515, t_g_um=170, t_g_design_um=170)
 CASES = [
-    (0.30, dict(WATER, n_i=1.0, n_i_design=1.0, t_i_design_um=1000, focus_depth_um=100), (80, 100, 130)),
+    (0.30, dict(WATER, n_i=1.0, n_i_design=1.0, t_i_design_um=1000, focus_depth_um=100), (80, 100, 120)),
     (0.75, dict(WATER, n_i=1.0, n_i_design=1.0, t_i_design_um=500, focus_depth_um=20), (15, 20, 22)),
     (1.20, dict(WATER, n_i=1.33, n_i_design=1.33, t_i_design_um=280, focus_depth_um=20, t_g_um=171), (18, 20, 21)),
     (1.40, dict(WATER, n_s=1.45, n_i=1.515, n_i_design=1.515, t_i_design_um=150, focus_depth_um=5), (4, 5, 6)),
