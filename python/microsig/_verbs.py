@@ -64,7 +64,7 @@ class Fit:
     @property
     def parameters(self) -> Table:
         """One row per quantity: ``name``, ``unit``, ``value``, ``sd``, ``low_95``, ``high_95`` (95 % interval), ``free``
-        (1 if it was fitted); of a fit of a field ``name``, ``unit``, ``value``, ``sd``."""
+        (1 if it was fitted); of a fit by waves ``name``, ``unit``, ``value``, ``sd``."""
         rows = self._result.get("parameters") or self._result.get("coefficients") or []
         names = {"name": "name", "key": "name", "unit": "unit", "value": "value", "sd": "sd"}
         names |= {"low_95": "low_95", "high_95": "high_95", "free": "free"}
@@ -171,7 +171,6 @@ def fit(
     model: Literal["geometric", "waves"] = "geometric",
     wavelength_um: float | None = None,
     emission: Literal["surface", "volume"] = "surface",
-    lens: Literal["aplanatic", "microsig"] = "aplanatic",
     fluid: float | None = None,
     fluid_depth_um: float | None = None,
     field: bool = False,
@@ -198,7 +197,7 @@ def fit(
     :param z_direction: whether stage positions increase away from the lens or toward it
     :param depth_factor: physical depth over depth in the model
     :param medium: refractive index of the medium in the model
-    :param diameter_um: particle diameter, um; fitted if None
+    :param diameter_um: particle diameter, um; fitted if None, with ``waves`` together with the blur of the camera
     :param particles: positions of the particles to use: a CSV file with ``x_px`` and ``y_px``, or an array (particles, 2),
         with the first pixel's center at (1, 1); detected if None
     :param astigmatic: whether the microscope has a cylindrical lens
@@ -207,10 +206,9 @@ def fit(
     :param model: rays, or diffraction (``waves``, with ``wavelength_um``)
     :param wavelength_um: wavelength in vacuum, um
     :param emission: the part of a particle that emits light, with ``waves``
-    :param lens: the objective, with ``waves``
     :param fluid: refractive index of the fluid below a cover slip of 0.17 mm, with ``waves``
-    :param fluid_depth_um: depth of the plane in focus below the cover slip, um, from which the fit starts, with ``fluid``
-    :param field: fit how the optics vary over the field of view, with ``waves`` and ``diameter_um``
+    :param fluid_depth_um: depth of the plane in focus below the cover slip, um, with ``fluid``
+    :param field: fit how the optics vary over the field of view, with ``waves``
     :param page: the channel with the particles, from 0, if the file states several
     :param planes: first and last plane to use, counted from 0
     :param window_px: width of the window around each particle, 7 to 129 px; from the images if None
@@ -253,7 +251,6 @@ def fit(
         "free": [str(name) for name in free],
         "wavelength_um": wavelength_um,
         "emission": one_of("emission", emission, ("surface", "volume")),
-        "lens": one_of("lens", lens, ("aplanatic", "microsig")),
         "fluid": optional(real, "fluid", fluid),
         "fluid_depth_um": optional(real, "fluid_depth_um", fluid_depth_um),
         "field": flag("field", field),

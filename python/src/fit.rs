@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bench::fitting::{FitFolder, FittedScan, read_places};
 use fit::{Astigmatic, ExtraParameter, FitOptions, Given, Scan, StagePositions, WaveModel};
-use microsig_core::render::waves::{Emission, Layers, Lens};
+use microsig_core::render::waves::{Emission, Layers};
 use numpy::PyReadonlyArray3;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -32,7 +32,6 @@ struct How {
     free: Vec<String>,
     wavelength_um: Option<f64>,
     emission: String,
-    lens: String,
     fluid: Option<f64>,
     fluid_depth_um: Option<f64>,
     field: bool,
@@ -89,7 +88,6 @@ impl How {
     fn options(&self) -> storage::Result<FitOptions> {
         let free = self.free.iter().map(|name| one_of::<ExtraParameter>("free", name));
         let emission = one_of::<Emission>("emission", &self.emission)?;
-        let lens = one_of::<Lens>("lens", &self.lens)?;
         let layers = self.fluid.map(|n_s| {
             let layers = Layers::default();
             Layers { n_s, focus_depth_um: self.fluid_depth_um.unwrap_or(layers.focus_depth_um), ..layers }
@@ -106,12 +104,7 @@ impl How {
                 Some(Places::File(path)) => Some(read_places(&path.into())?),
                 Some(Places::Given(places)) => Some(places.clone()),
             },
-            waves: self.wavelength_um.map(|wavelength_um| WaveModel {
-                wavelength_um,
-                emission,
-                lens,
-                layers,
-            }),
+            waves: self.wavelength_um.map(|wavelength_um| WaveModel { wavelength_um, emission, layers }),
             free: free.collect::<storage::Result<_>>()?,
             bootstrap: self.bootstrap,
             seed: self.seed,
@@ -155,9 +148,9 @@ impl FittedMicroscope {
     /// Writes the report and the files into a folder; gives a warning about it.
     fn save(&self, py: Python<'_>, out: PathBuf, force: bool) -> PyResult<Option<String>> {
         let (made, scan) = (Arc::clone(&self.made), self.scan.clone());
-        let is_field = matches!(*made, FittedScan::Field { .. });
+        let is_of_waves = matches!(*made, FittedScan::Waves { .. });
         run(py, false, OnInterrupt::Wait, move |_| {
-            let folder = FitFolder::start(&out, is_field, force)?;
+            let folder = FitFolder::start(&out, is_of_waves, force)?;
             let warning = folder.warning().map(str::to_owned);
             folder.finish(&made, &scan, &out)?;
             Ok(warning)
@@ -202,7 +195,9 @@ fn fit_scan(
             scan = scan.cut(first, last)?;
         }
         let folder = out
-            .map(|(out, force)| FitFolder::start(&out, how.field, force).map(|folder| (folder, out)))
+            .map(|(out, force)| {
+                FitFolder::start(&out, options.waves.is_some(), force).map(|folder| (folder, out))
+            })
             .transpose()?;
         let mut warnings: Vec<String> = options.warning().into_iter().collect();
         warnings.extend(folder.iter().filter_map(|(folder, _)| folder.warning().map(str::to_owned)));

@@ -229,16 +229,23 @@ fn settings_of_an_astigmatic_scan_are_found() {
 }
 
 #[test]
-fn a_field_needs_waves_a_diameter_and_a_corrected_lens() {
+fn options_of_the_other_model_are_refused() {
     let place = tempfile::tempdir().unwrap();
     let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
     write_pages(&scan, (61, 61), &single(9).planes(1).unwrap()).unwrap();
-    let base = [&arguments(&scan, &out)[..], &["--z-step", "6", "--field"]].concat();
+    let base = [&arguments(&scan, &out)[..], &["--z-step", "6"]].concat();
     let refused = |more: &[&str]| fail(2, &[&base[..], more].concat());
-    assert!(refused(&[]).contains("--diameter"));
-    assert!(refused(&["--diameter", "2"]).contains("--field: expected with --model waves and --diameter"));
-    let waves = ["--diameter", "2", "--model", "waves", "--wavelength", "0.5"];
-    let lens = refused(&[&waves[..], &["--lens", "microsig"]].concat());
-    assert!(lens.contains("--field: expected --lens aplanatic"), "{lens}");
+    assert!(refused(&["--field"]).contains("--field: expected with --model waves"));
+    let waves = ["--model", "waves", "--wavelength", "0.5"];
+    for (more, expected) in [
+        (["--depth-factor", "1.3"], "--depth-factor 1.3 with --model waves: expected 1"),
+        (["--free", "pixel-size"], "--free: expected with --model geometric only"),
+        (["--bootstrap", "9"], "--bootstrap: expected with --model geometric only"),
+        (["--astigmatic", "yes"], "--astigmatic: expected with --model geometric only"),
+        (["--flux", "model"], "--flux: expected with --model geometric only"),
+    ] {
+        let message = refused(&[&waves[..], &more].concat());
+        assert!(message.contains(expected), "{more:?}: {message}");
+    }
     assert!(!out.exists());
 }

@@ -4,10 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use arena::report::{field_page, fit_page};
-use fit::{
-    FieldFiles, FieldFit, FieldOptions, FitFiles, FitOptions, Fitted, LEAST_R2, Scan, Verdict, WaveModel,
-};
-use microsig_core::render::waves::Lens;
+use fit::{Astigmatic, FieldFiles, FieldFit, FitFiles, FitOptions, Fitted, Scan, Verdict, WaveOptions};
 use serde_json::Value;
 use storage::advice;
 use storage::advice::{flag, option};
@@ -18,10 +15,10 @@ use storage::{InputFile, OutputFolder};
 /// A fit of one microscope, or of how its optics vary over the field of view.
 #[derive(Debug)]
 pub enum FittedScan {
-    /// Settings that hold everywhere.
-    Uniform(Box<FitFiles>),
-    /// A fit of a field.
-    Field {
+    /// By rays.
+    Geometric(Box<FitFiles>),
+    /// By waves.
+    Waves {
         /// The fit.
         made: Box<FieldFiles>,
         /// Width and height of the images, px.
@@ -37,24 +34,46 @@ impl FittedScan {
         is_field: bool,
         watch: &(dyn Fn(&str) + Sync),
     ) -> Result<Self> {
-        if !is_field {
-            return Ok(FittedScan::Uniform(Box::new(fit::fit(scan, options, watch)?)));
-        }
-        let made = Box::new(fit::fit_field(scan, &of_field(scan, options)?, watch)?);
-        Ok(FittedScan::Field { made, size_px: [scan.width, scan.height] })
+        FittedScan::check(options, is_field)?;
+        let Some(of_waves) = by_waves(scan, options, is_field)? else {
+            return Ok(FittedScan::Geometric(Box::new(fit::fit(scan, options, watch)?)));
+        };
+        let made = Box::new(fit::fit_waves(scan, &of_waves, watch)?);
+        Ok(FittedScan::Waves { made, size_px: [scan.width, scan.height] })
     }
 
     /// Checks the options before the scan is read and the folder claimed.
     pub fn check(options: &FitOptions, is_field: bool) -> Result<()> {
         options.check()?;
-        if is_field { light(options).map(drop) } else { Ok(()) }
+        let (waves, geometric) = (option("model").is("waves"), option("model").is("geometric"));
+        if options.waves.is_none() {
+            let what = advice!(flag("field"), ": expected with ", waves);
+            return if is_field { Err(Error::option(what)) } else { Ok(()) };
+        }
+        if options.given.depth_factor != 1.0 {
+            let factor = option("depth_factor").of(options.given.depth_factor);
+            let what = ": expected 1, because depths are those in the fluid";
+            return Err(Error::option(advice!(factor, " with ", waves, what)));
+        }
+        let of_rays = [
+            ("free", !options.free.is_empty()),
+            ("bootstrap", options.bootstrap > 0),
+            ("flux", !options.free_flux),
+            ("astigmatic", options.astigmatic == Astigmatic::Known(true)),
+        ];
+        match of_rays.into_iter().find(|(_, is_given)| *is_given) {
+            Some((key, _)) => {
+                Err(Error::option(advice!(option(key), ": expected with ", geometric, " only")))
+            }
+            None => Ok(()),
+        }
     }
 
     /// The result, as in `fit.json` or `field.json`.
     pub fn result(&self) -> Result<Value> {
         let result = match self {
-            FittedScan::Uniform(made) => serde_json::to_value(&made.fitted),
-            FittedScan::Field { made, .. } => serde_json::to_value(&made.fitted),
+            FittedScan::Geometric(made) => serde_json::to_value(&made.fitted),
+            FittedScan::Waves { made, .. } => serde_json::to_value(&made.fitted),
         };
         result.map_err(|e| Error::input(e.to_string()))
     }
@@ -62,22 +81,20 @@ impl FittedScan {
     /// What should be known about the fit.
     pub fn warnings(&self) -> &[String] {
         match self {
-            FittedScan::Uniform(made) => &made.fitted.warnings,
-            FittedScan::Field { made, .. } => &made.fitted.warnings,
+            FittedScan::Geometric(made) => &made.fitted.warnings,
+            FittedScan::Waves { made, .. } => &made.fitted.warnings,
         }
     }
 
     /// Why the fit must not be used, if the model does not describe the scan.
     pub fn failure(&self) -> Option<String> {
         match self {
-            FittedScan::Uniform(made) if made.fitted.verdict == Verdict::NotDescribed => {
+            FittedScan::Geometric(made) if made.fitted.verdict == Verdict::NotDescribed => {
                 Some(made.fitted.sentence())
             }
-            FittedScan::Field { made, .. } if made.fitted.r2_of_field < LEAST_R2 => Some(format!(
-                "wave optics does not describe this scan: {:.1} % of the light explained; expected at least {:.0} %. Check diameter,                  wavelength, emission and window",
-                100.0 * made.fitted.r2_of_field,
-                100.0 * LEAST_R2
-            )),
+            FittedScan::Waves { made, .. } if made.fitted.verdict == Verdict::NotDescribed => {
+                Some(made.fitted.sentence())
+            }
             _ => None,
         }
     }
@@ -85,26 +102,26 @@ impl FittedScan {
     /// The names of the files, other than the report, and their contents.
     pub fn files(&self) -> &[(&'static str, Vec<u8>)] {
         match self {
-            FittedScan::Uniform(made) => &made.files,
-            FittedScan::Field { made, .. } => &made.files,
+            FittedScan::Geometric(made) => &made.files,
+            FittedScan::Waves { made, .. } => &made.files,
         }
     }
 
     /// The fitted quantities and the conclusion as text.
     pub fn text(&self) -> String {
         match self {
-            FittedScan::Uniform(made) => text_of_fit(&made.fitted),
-            FittedScan::Field { made, .. } => text_of_field(&made.fitted),
+            FittedScan::Geometric(made) => text_of_fit(&made.fitted),
+            FittedScan::Waves { made, .. } => text_of_field(&made.fitted),
         }
     }
 
     /// Writes report and files; `scan` and `out` are the names of scan and folder.
     fn write(&self, folder: &OutputFolder, scan: &str, out: &Path) -> Result<()> {
         let page = match self {
-            FittedScan::Uniform(made) => {
+            FittedScan::Geometric(made) => {
                 fit_page(&made.fitted, &made.evidence, scan, &out.display().to_string())?
             }
-            FittedScan::Field { made, size_px } => field_page(made, scan, *size_px)?,
+            FittedScan::Waves { made, size_px } => field_page(made, scan, *size_px)?,
         };
         folder.save_bytes("report.html", page)?;
         self.files().iter().try_for_each(|(name, bytes)| folder.save_bytes(name, bytes))
@@ -120,8 +137,8 @@ pub struct FitFolder {
 
 impl FitFolder {
     /// Claims the folder, before a fit that may take long.
-    pub fn start(out: &Path, is_field: bool, force: bool) -> Result<Self> {
-        let earlier = Earlier::new(if is_field { "field.json" } else { "fit.json" }, force);
+    pub fn start(out: &Path, is_of_waves: bool, force: bool) -> Result<Self> {
+        let earlier = Earlier::new(if is_of_waves { "field.json" } else { "fit.json" }, force);
         check_replaceable(out, earlier)?;
         Ok(FitFolder { partial: Partial::start(out)?, earlier })
     }
@@ -138,46 +155,24 @@ impl FitFolder {
     }
 }
 
-/// Light and diameter, which a fit of a field needs.
-fn light(options: &FitOptions) -> Result<(WaveModel, f64)> {
-    let (Some(waves), Some(diameter_um)) = (options.waves, options.diameter_um) else {
-        let (model, diameter) = (option("model").is("waves"), option("diameter_um"));
-        return Err(Error::option(advice!(flag("field"), ": expected with ", model, " and ", diameter)));
-    };
-    if waves.lens != Lens::Aplanatic {
-        let what = advice!(
-            flag("field"),
-            ": expected ",
-            option("lens").is("aplanatic"),
-            ", as of microscope objectives"
-        );
-        return Err(Error::option(what));
-    }
-    if options.given.depth_factor != 1.0 {
-        let factor = option("depth_factor").of(options.given.depth_factor);
-        let what = ": expected 1, because depths are those in the fluid";
-        return Err(Error::option(advice!(factor, " with ", flag("field"), what)));
-    }
-    Ok((waves, diameter_um))
-}
-
-fn of_field(scan: &Scan, options: &FitOptions) -> Result<FieldOptions> {
-    options.check()?;
-    let (waves, diameter_um) = light(options)?;
+/// The options of a fit by waves, if it is one.
+fn by_waves(scan: &Scan, options: &FitOptions, is_field: bool) -> Result<Option<WaveOptions>> {
+    let Some(waves) = options.waves else { return Ok(None) };
     let all_px = match (import::locate(scan), &options.places_px) {
         (Err(e), None) => return Err(e),
         // Given particles may be too faint to be located.
         (located, _) => located.unwrap_or_default(),
     };
-    Ok(FieldOptions {
+    Ok(Some(WaveOptions {
         given: options.given,
-        diameter_um,
+        diameter_um: options.diameter_um,
         direction: options.direction.unwrap_or(1.0),
         waves,
+        is_field,
         half_window: options.half_window,
         places_px: options.places_px.clone().unwrap_or_else(|| all_px.clone()),
         all_px,
-    })
+    }))
 }
 
 /// Reads particle positions (px) from a table.
@@ -208,10 +203,8 @@ pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
 
 fn text_of_field(fitted: &FieldFit) -> String {
     let singles = fitted.particles.iter().filter(|particle| particle.is_single).count();
-    let mut text = format!(
-        "Optics over the field from the {singles} of {} particles that are single:\n",
-        fitted.particles.len()
-    );
+    let mut text =
+        format!("Optics from the {singles} of {} particles that are single:\n", fitted.particles.len());
     for coefficient in &fitted.coefficients {
         let fit::Coefficient { key, value, sd, unit } = coefficient;
         // Writing to a string cannot fail.
@@ -220,7 +213,8 @@ fn text_of_field(fitted: &FieldFit) -> String {
     let (r2, chi2) = (fitted.r2_of_field, fitted.chi2_of_field);
     let _ = write!(
         text,
-        "Images with these coefficients: R^2 {r2:.4}, chi^2 per pixel {chi2:.2} (noise of one frame)"
+        "Images with these coefficients: R^2 {r2:.4}, chi^2 per pixel {chi2:.2} (noise of one frame)\n{}",
+        fitted.sentence()
     );
     text
 }
@@ -245,17 +239,6 @@ fn text_of_fit(fitted: &Fitted) -> String {
         fitted.rejected.len(),
         if fitted.direction > 0.0 { "away from" } else { "toward" }
     ));
-    lines.extend(fitted.comparison.map(|c| {
-        format!(
-            "rays: chi2 {:.3}, {:.1} % explained; waves: chi2 {:.3}, {:.1} % explained; {} are better by {:.0} in BIC",
-            c.geometric.chi2,
-            100.0 * c.geometric.r2,
-            c.waves.chi2,
-            100.0 * c.waves.r2,
-            if c.recommends_waves() { "waves" } else { "rays" },
-            (c.geometric.bic - c.waves.bic).abs()
-        )
-    }));
     lines.push(fitted.sentence());
     lines.join("\n")
 }

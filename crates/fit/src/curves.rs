@@ -233,7 +233,6 @@ impl Curves {
             focus_shift_um: shift_um,
             angle: self.angle,
             diameter_um: known.diameter_um.unwrap_or((2.5 * least * um_per_px).clamp(0.2, 10.0)),
-            waves: None,
         }
         .bounded();
         State {

@@ -86,7 +86,7 @@ impl Problem<'_> {
 
     fn new_derivatives(&self, state: &State) -> Result<Derivatives> {
         let (accuracy, microscope, planes) = (self.accuracy, &state.microscope, self.scan.planes.len());
-        let own = self.imager(state, microscope, accuracy.of_sides)?;
+        let own = self.imager(microscope, accuracy.of_sides)?;
         let sides = self.shared.iter().map(|shared| self.side(state, *shared)).collect::<Result<Vec<_>>>()?;
         let windows = (0..self.n_beads() * planes)
             .into_par_iter()
@@ -106,7 +106,7 @@ impl Problem<'_> {
     fn side(&self, state: &State, shared: Shared) -> Result<Option<Side>> {
         let (at, accuracy) = (&state.microscope, self.accuracy);
         let Some(step) = shared.step(at).map(|step| accuracy.steps * step) else { return Ok(None) };
-        let new = |microscope: &Microscope| self.imager(state, microscope, accuracy.of_sides).map(Some);
+        let new = |microscope: &Microscope| self.imager(microscope, accuracy.of_sides).map(Some);
         let high = shared.moved(*at, step);
         let side = if accuracy.central {
             let low = shared.moved(*at, -step);

@@ -1,9 +1,8 @@
-//! Images of single particles for a fit, by rays or by waves. They are computed directly, without tables: a
-//! fit draws most images only once.
+//! Images of single particles for a fit by rays. They are computed directly, without tables: a fit draws most images
+//! only once.
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::expected::ExpectedRenderer;
-use microsig_core::render::waves::{SingleImages, WavesRenderer};
 
 use super::optics::Microscope;
 use storage::error::Result;
@@ -18,70 +17,48 @@ const TURNED: f64 = 0.1;
 /// turned by 25 degrees would be off by 1 % of the peak.
 const PARTS: usize = 2;
 
-/// Margin of images by waves beyond the window, px, for the particle's distance from its middle.
-const MARGIN_PX: usize = 3;
-
-/// Images of the particles of a microscope.
+/// Images of the particles of a microscope, of infinitely many rays.
 #[derive(Debug)]
-pub(super) enum Imager {
-    /// Infinitely many rays, and the parts of a pixel along each axis.
-    Rays(Box<ExpectedRenderer>, usize),
-    /// Scalar wave optics.
-    Waves(Box<SingleImages>),
+pub(super) struct Imager {
+    renderer: ExpectedRenderer,
+    /// Number of parts of a pixel along each axis.
+    parts: usize,
 }
 
 impl Imager {
-    /// Images on windows of `edge_px` px of particles at these depths (um, from and to); `tolerance` is their
-    /// error relative to the peak.
-    pub(super) fn new(
-        microscope: &Microscope,
-        tolerance: f64,
-        edge_px: usize,
-        depths_um: [f64; 2],
-    ) -> Result<Imager> {
-        Ok(match &microscope.waves {
-            None => {
-                let turned =
-                    microscope.focus_shift_um != 0.0 && 1.0 - libm::cos(4.0 * microscope.angle) > TURNED;
-                let parts = if turned { PARTS } else { 1 };
-                let mut settings = microscope.settings(parts * edge_px);
-                settings.pixel_size /= parts as f64;
-                let renderer = ExpectedRenderer::new(&settings, SpheroidLaw::Original, tolerance)?;
-                Imager::Rays(Box::new(renderer), parts)
-            }
-            Some(waves) => {
-                let settings = microscope.settings(edge_px);
-                let renderer = WavesRenderer::new(&settings, &waves.optics(), tolerance)?;
-                let edge_px = [edge_px / 2 + MARGIN_PX; 2];
-                Imager::Waves(Box::new(renderer.single_images(depths_um, microscope.diameter_um, edge_px)))
-            }
-        })
+    /// Images on windows of `edge_px` px; `tolerance` is their error relative to the peak.
+    pub(super) fn new(microscope: &Microscope, tolerance: f64, edge_px: usize) -> Result<Imager> {
+        let turned = microscope.focus_shift_um != 0.0 && 1.0 - libm::cos(4.0 * microscope.angle) > TURNED;
+        let parts = if turned { PARTS } else { 1 };
+        let mut settings = microscope.settings(parts * edge_px);
+        settings.pixel_size /= parts as f64;
+        Ok(Imager { renderer: ExpectedRenderer::new(&settings, SpheroidLaw::Original, tolerance)?, parts })
     }
 
     /// Fractions of the light on pixels at these positions relative to the particle (px), without
     /// derivatives.
     pub(super) fn values(&self, microscope: &Microscope, z_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
-        match self {
-            Imager::Rays(renderer, parts) => {
-                let places = in_cylinder_frame(microscope, places, *parts);
-                let shares = renderer.shares(z_um, microscope.diameter_um, &places);
-                shares.chunks(parts * parts).map(|of_pixel| of_pixel.iter().sum()).collect()
-            }
-            Imager::Waves(images) => images.shares(z_um, places),
-        }
+        let places = in_cylinder_frame(microscope, places, self.parts);
+        let shares = self.renderer.shares(z_um, microscope.diameter_um, &places);
+        shares.chunks(self.parts * self.parts).map(|of_pixel| of_pixel.iter().sum()).collect()
     }
 
     /// Fractions of the light on pixels at these positions relative to the particle (px), with their
     /// derivatives with respect to the particle's x, y (1/px), z (1/um), and the angle of the cylindrical
     /// lens (1/rad).
     pub(super) fn gradients(&self, microscope: &Microscope, z_um: f64, places: &[[f64; 2]]) -> Vec<[f64; 5]> {
-        match self {
-            Imager::Rays(renderer, parts) => by_rays(renderer, *parts, microscope, z_um, places),
-            Imager::Waves(images) => {
-                let gradients = images.share_gradients(z_um, places);
-                gradients.into_iter().map(|[value, x, y, z]| [value, -x, -y, z, 0.0]).collect()
-            }
-        }
+        let (c, s) = (libm::cos(microscope.angle), libm::sin(microscope.angle));
+        let turned = in_cylinder_frame(microscope, places, self.parts);
+        let scale = self.parts as f64;
+        let gradients = self.renderer.share_gradients(z_um, microscope.diameter_um, &turned);
+        let of_part = |([value, by_u, by_v, by_z], [u, v]): (&[f64; 4], &[f64; 2])| {
+            // A displacement of the particle moves the pixel relative to it in the opposite direction.
+            let (by_x, by_y) = (-scale * (c * by_u - s * by_v), -scale * (s * by_u + c * by_v));
+            [*value, by_x, by_y, *by_z, by_u * v - by_v * u]
+        };
+        let of_parts: Vec<[f64; 5]> = gradients.iter().zip(&turned).map(of_part).collect();
+        let sum = |of_pixel: &[[f64; 5]]| std::array::from_fn(|i| of_pixel.iter().map(|part| part[i]).sum());
+        of_parts.chunks(self.parts * self.parts).map(sum).collect()
     }
 }
 
@@ -95,27 +72,6 @@ fn in_cylinder_frame(microscope: &Microscope, places: &[[f64; 2]], parts: usize)
         (0..parts * parts).map(move |i| turned([place(x, i % parts), place(y, i / parts)]))
     };
     places.iter().flat_map(of_pixel).collect()
-}
-
-fn by_rays(
-    renderer: &ExpectedRenderer,
-    parts: usize,
-    microscope: &Microscope,
-    z_um: f64,
-    places: &[[f64; 2]],
-) -> Vec<[f64; 5]> {
-    let (c, s) = (libm::cos(microscope.angle), libm::sin(microscope.angle));
-    let turned = in_cylinder_frame(microscope, places, parts);
-    let scale = parts as f64;
-    let gradients = renderer.share_gradients(z_um, microscope.diameter_um, &turned);
-    let of_part = |([value, by_u, by_v, by_z], [u, v]): (&[f64; 4], &[f64; 2])| {
-        // A displacement of the particle moves the pixel relative to it in the opposite direction.
-        let (by_x, by_y) = (-scale * (c * by_u - s * by_v), -scale * (s * by_u + c * by_v));
-        [*value, by_x, by_y, *by_z, by_u * v - by_v * u]
-    };
-    let of_parts: Vec<[f64; 5]> = gradients.iter().zip(&turned).map(of_part).collect();
-    let sum = |of_pixel: &[[f64; 5]]| std::array::from_fn(|i| of_pixel.iter().map(|part| part[i]).sum());
-    of_parts.chunks(parts * parts).map(sum).collect()
 }
 
 #[cfg(test)]
@@ -137,7 +93,6 @@ mod tests {
             focus_shift_um: -16.47,
             angle: 25f64.to_radians(),
             diameter_um: 2.0,
-            waves: None,
         };
         let edge = 25;
         let places: Vec<[f64; 2]> =
@@ -145,7 +100,7 @@ mod tests {
         let mut settings = microscope.settings(6 * edge);
         settings.pixel_size /= 6.0;
         let fine = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 1e-3).unwrap();
-        let imager = Imager::new(&microscope, 1e-3, edge, [-40.0, 10.0]).unwrap();
+        let imager = Imager::new(&microscope, 1e-3, edge).unwrap();
         for z_um in [-28.0, -12.0] {
             let parts = in_cylinder_frame(&microscope, &places, 6);
             let truth = fine.shares(z_um, 2.0, &parts);

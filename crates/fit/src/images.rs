@@ -55,15 +55,6 @@ pub(super) struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Short name of the model.
-    pub(super) fn name(&self) -> &'static str {
-        if self.shared.iter().any(|shared| matches!(shared, Shared::Aberration(_))) {
-            "waves"
-        } else {
-            "rays"
-        }
-    }
-
     /// Whether quantities are free for which others can nearly compensate.
     pub(super) fn is_nearly_degenerate(&self) -> bool {
         let extra = [Shared::RiLens, Shared::PixelSize, Shared::DepthFactor];
@@ -101,17 +92,12 @@ impl Problem<'_> {
     }
 
     pub(super) fn renderer(&self, state: &State) -> Result<Imager> {
-        self.imager(state, &state.microscope, self.accuracy.tolerance)
+        self.imager(&state.microscope, self.accuracy.tolerance)
     }
 
-    /// The images of a microscope at the depths of a state.
-    pub(super) fn imager(&self, state: &State, microscope: &Microscope, tolerance: f64) -> Result<Imager> {
-        let depths = || {
-            let windows = (0..self.n_beads()).flat_map(|k| (0..self.scan.planes.len()).map(move |i| (k, i)));
-            windows.map(|(k, i)| self.depth(state, microscope, k, i))
-        };
-        let depths_um = [depths().fold(f64::INFINITY, f64::min), depths().fold(f64::NEG_INFINITY, f64::max)];
-        Imager::new(microscope, tolerance, self.edge_px(), depths_um)
+    /// The images of a microscope.
+    pub(super) fn imager(&self, microscope: &Microscope, tolerance: f64) -> Result<Imager> {
+        Imager::new(microscope, tolerance, self.edge_px())
     }
 
     /// Particles and planes whose windows are used.

@@ -9,7 +9,6 @@
 //! According to Rossi 2020, the virtual focal lengths "must be found empirically"; this module does so.
 
 mod background;
-mod comparison;
 mod curves;
 mod derivatives;
 mod evidence;
@@ -30,32 +29,29 @@ mod repeats;
 mod scan;
 mod search;
 mod state;
-mod waves;
 
 use background::Background;
-use comparison::Run;
 use curves::Known;
+use derivatives::Derivatives;
 use images::Problem;
 use intervals::Covariance;
-use microsig_core::render::waves::Lens;
 use moments::Shape;
-use optics::{Microscope, Shared};
+use optics::Shared;
 use state::State;
 
-pub use comparison::{Comparison, Score};
 pub use evidence::{Evidence, MeasuredImage, Sample};
 pub use field::{
-    Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, FieldParticle, PlaneImages, fit_field,
+    Coefficient, FieldFiles, FieldFit, FieldImages, FieldParticle, PlaneImages, WaveModel, WaveOptions,
+    fit_waves,
 };
 pub use images::Watch;
 pub use optics::{ExtraParameter, Given};
-pub use outcome::{Correlations, Fitted, FittedParticle, LEAST_R2, Parameter, PlaneFit, Verdict};
+pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use repeats::noise_of_repeats;
 pub use scan::{Level, Scan, StagePositions, chosen_channel};
 use storage::advice::option;
 use storage::range::faults;
 use storage::{Error, NumberRange, Result, advice};
-pub use waves::WaveModel;
 
 /// Whether the fit has two focal planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,7 +79,7 @@ pub struct FitOptions {
     pub half_window: Option<usize>,
     /// Positions of the particles, px, with the first pixel's center at (1, 1); detected if `None`.
     pub places_px: Option<Vec<[f64; 2]>>,
-    /// Fit by wave optics, and compare with the fit of geometrical optics; `None`: geometrical optics alone.
+    /// Fit by wave optics ([`fit_waves`]); `None`: by geometrical optics.
     pub waves: Option<WaveModel>,
     /// Additional quantities to fit, which scans of real objectives determine poorly.
     pub free: Vec<ExtraParameter>,
@@ -180,11 +176,11 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
         directions,
         astigmatic,
     };
-    let problem = |shared: Vec<Shared>| Problem {
+    let problem = Problem {
         scan,
         background,
         windows: &windows,
-        shared,
+        shared: shared(options, astigmatic),
         free_flux: options.free_flux,
         rejected: vec![vec![false; scan.planes.len()]; windows.particles.len()],
         accuracy: search::COARSE,
@@ -192,21 +188,17 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
         watch,
         stage: String::new(),
     };
-    let geometric = by_rays(problem(shared(options, astigmatic)), &known, &options.free)?;
-    let run = match options.waves {
-        None => geometric,
-        Some(model) => {
-            let State { microscope, .. } = geometric.state;
-            // If rays do not describe the scan, they do not determine its direction.
-            let direction = options.direction.unwrap_or(1.0);
-            let shared = shared_by_waves(model, options.diameter_um.is_none());
-            let mut waves = by_waves(problem(shared), &shape, (microscope, direction), model)?;
-            waves.direction_margin = options.direction.is_none().then_some(0.0);
-            waves.comparison = Some(Comparison::of(&geometric, &waves)?);
-            waves
-        }
-    };
-    files(run, options, astigmatic && options.waves.is_none())
+    files(by_rays(problem, &known, &options.free)?, options, astigmatic)
+}
+
+/// A converged fit.
+struct Run<'a> {
+    problem: Problem<'a>,
+    state: State,
+    /// Derivatives of the last step.
+    derivatives: Option<Derivatives>,
+    /// Difference of -2 ln(likelihood) from the other direction of the stage; `None` if that was not tried.
+    direction_margin: Option<f64>,
 }
 
 /// The fit of geometrical optics; additional quantities are freed at the best fit without them, so that the
@@ -220,20 +212,7 @@ fn by_rays<'a>(mut problem: Problem<'a>, known: &Known, free: &[ExtraParameter])
         derivatives = None;
         state = search::converge(&mut problem, state, &mut derivatives)?;
     }
-    Ok(Run { problem, state, derivatives, direction_margin: margin, comparison: None })
-}
-
-/// The fit of wave optics; `seed` provides the quantities that are not fitted and the direction of the stage.
-fn by_waves<'a>(
-    mut problem: Problem<'a>,
-    shape: &Shape,
-    (seed, direction): (Microscope, f64),
-    model: WaveModel,
-) -> Result<Run<'a>> {
-    let start = search::best_wave_start(&mut problem, shape, seed, model, direction)?;
-    let mut derivatives = None;
-    let state = search::converge(&mut problem, start, &mut derivatives)?;
-    Ok(Run { problem, state, derivatives, direction_margin: None, comparison: None })
+    Ok(Run { problem, state, derivatives, direction_margin: margin })
 }
 
 fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFiles> {
@@ -248,7 +227,7 @@ fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFile
     let derivatives = run.derivatives.take();
     let particles = run.problem.windows.particles.len();
     let normal = run.problem.normal(&run.state, &run.problem.derivatives(derivatives, &run.state)?)?;
-    let weighed = comparison::chi2(&run.problem.misfits(&run.state, None)?);
+    let weighed = state::chi2(&run.problem.misfits(&run.state, None)?);
     let covariance = Covariance::of(&normal, particles, weighed).ok_or_else(|| {
         let what = "the scan does not determine all parameters: give ";
         Error::option(advice!(what, option("diameter_um"), ", or use a longer scan"))
@@ -280,40 +259,14 @@ fn shared(options: &FitOptions, astigmatic: bool) -> Vec<Shared> {
     shared
 }
 
-/// Fitted quantities of wave optics. The focal length has an effect only through the aberration of MicroSIG's
-/// lens.
-fn shared_by_waves(model: WaveModel, with_diameter: bool) -> Vec<Shared> {
-    let mut shared = vec![Shared::NumericalAperture];
-    let terms = match model.lens {
-        Lens::Microsig => {
-            shared.push(Shared::FocalLength);
-            1..waves::TERMS.len()
-        }
-        Lens::Aplanatic => 0..waves::TERMS.len(),
-    };
-    shared.extend(terms.map(Shared::Aberration));
-    if model.layers.is_some() {
-        shared.push(Shared::FocusDepth);
-    }
-    if with_diameter {
-        shared.push(Shared::Diameter);
-    }
-    shared
-}
-
 #[cfg(test)]
 mod tests {
     use microsig_core::emission::SpheroidLaw;
     use microsig_core::random::{normal, poisson};
     use microsig_core::render::ExpectedRenderer;
-    use microsig_core::render::waves::Emission;
     use microsig_core::stream::{Purpose, Streams};
 
     use super::*;
-    use crate::imager::Imager;
-    use crate::particles::Window;
-    use crate::particles::Windows;
-    use crate::waves::Waves;
 
     /// A particle under a lens of 20x/0.4, in 26 planes whose images are up to twice as wide as the largest window: the
     /// darkest pixels of the scan have a count of light, which hides the rims of images. With one initial aperture and
@@ -414,73 +367,5 @@ mod tests {
                 fitted.warnings
             );
         }
-    }
-
-    /// Half width of the test's images, px.
-    const HALF: usize = 10;
-
-    #[test]
-    fn waves_find_aperture_and_aberrations_of_a_bead() {
-        let (emission, lens) = (Emission::Surface, Lens::Aplanatic);
-        let model = WaveModel { wavelength_um: 0.52, emission, lens, layers: None };
-        let mut waves = Waves::new(model);
-        waves.aberrations = [0.06, 0.12, 0.0, -0.05, 0.0];
-        let na = 0.8;
-        let truth = Microscope {
-            magnification: 1.0,
-            pixel_size_um: 0.1,
-            ri_medium: 1.0,
-            ri_lens: 1.5,
-            depth_factor: 1.0,
-            slope: na / libm::sqrt(1.0 - na * na),
-            focal_length_um: 350.0,
-            focus_shift_um: 0.0,
-            angle: 0.0,
-            diameter_um: 0.2,
-            waves: Some(waves),
-        };
-        let edge = 2 * HALF + 1;
-        let place = |i: usize| [(i % edge) as f64 - HALF as f64, (i / edge) as f64 - HALF as f64];
-        let imager = Imager::new(&truth, 1e-3, edge, [-1.5, 1.5]).unwrap();
-        let stage_um: Vec<f64> = (0..9).map(|i| 0.3 * (f64::from(i) - 4.0)).collect();
-        let plane = |s: &f64| {
-            let places: Vec<[f64; 2]> =
-                (0..edge * edge).map(|i| [place(i)[0] - 0.2, place(i)[1] + 0.1]).collect();
-            let values = imager.values(&truth, s + 0.1, &places);
-            values.iter().map(|v| (100.0 + 40_000.0 * v).round() as u16).collect::<Vec<u16>>()
-        };
-        let scan = Scan {
-            width: edge,
-            height: edge,
-            planes: stage_um.iter().map(plane).collect(),
-            stage_um,
-            full_scale: u16::MAX,
-            warnings: Vec::new(),
-        };
-        let pixels = (0..edge * edge).map(|i| (i, place(i))).collect();
-        let windows = Windows { half: HALF, particles: vec![Window::new([HALF, HALF], pixels)] };
-        let background = Background { mean: 100.0, noise: 1.0 };
-        let shape = Shape::of(&scan, background, &windows);
-        let problem = Problem {
-            scan: &scan,
-            background,
-            windows: &windows,
-            shared: shared_by_waves(model, false),
-            free_flux: true,
-            rejected: vec![vec![false; scan.planes.len()]],
-            accuracy: search::COARSE,
-            converged: search::ROUGHLY,
-            watch: &|_| (),
-            stage: String::new(),
-        };
-        let run = by_waves(problem, &shape, (truth, 1.0), model).unwrap();
-        let found = run.state.microscope;
-        // Counts are rounded and otherwise noise-free: 0.3 counts of a peak of several hundred.
-        assert!((found.numerical_aperture() - na).abs() < 5e-3, "{found:?}");
-        let aberrations = found.waves.unwrap().aberrations;
-        for (found, truth) in aberrations.iter().zip(waves.aberrations) {
-            assert!((found - truth).abs() < 5e-3, "{aberrations:?}");
-        }
-        assert!((run.state.beads[0].z_um - 0.1).abs() < 0.01, "{:?}", run.state.beads);
     }
 }

@@ -22,18 +22,16 @@ const CONVERGED: f64 = 1e-4;
 pub(super) struct Noises {
     /// Noise alone.
     pub(super) pure: Noise,
-    /// All residuals, as if the errors of the model were noise.
-    pub(super) of_residuals: Noise,
     /// Including the errors of the model, for weights.
     pub(super) with_model: Noise,
 }
 
 /// A lit pixel: light, squared residual, and the mean product with the residuals of its neighbors, counts^2.
 #[derive(Clone, Copy)]
-struct Pixel {
-    light: f64,
-    square: f64,
-    shared: f64,
+pub(super) struct Pixel {
+    pub(super) light: f64,
+    pub(super) square: f64,
+    pub(super) shared: f64,
 }
 
 impl Problem<'_> {
@@ -79,7 +77,7 @@ impl Problem<'_> {
 
 /// Weighted regression of squared residuals on light; `start` has the upper limit of the variance of the
 /// background.
-fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
+pub(super) fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
     let most = start.background2;
     // Sums over pixels of weights times powers of light, 0 to 4, and times powers of light and the value.
     let sums = |noise: Noise, value: &dyn Fn(&Pixel) -> f64| {
@@ -119,7 +117,7 @@ fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
         let above = xxy - noise.background2 * xx - noise.per_count * xxx;
         Noise { per_count2: positive(above, xxxx), ..noise }
     });
-    Noises { pure, of_residuals: all, with_model }
+    Noises { pure, with_model }
 }
 
 fn iterate(start: Noise, step: impl Fn(Noise) -> Noise) -> Noise {

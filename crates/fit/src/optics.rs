@@ -2,7 +2,6 @@
 
 use microsig_core::Settings;
 
-use super::waves::{TERMS, Waves};
 use storage::NumberRange;
 
 /// Given properties of the microscope.
@@ -56,19 +55,11 @@ pub(super) struct Microscope {
     pub(super) angle: f64,
     /// Particle diameter, um.
     pub(super) diameter_um: f64,
-    /// Wave optics; rays if `None`. There is no cylindrical lens then.
-    pub(super) waves: Option<Waves>,
 }
 
 impl Microscope {
     pub(super) fn numerical_aperture(&self) -> f64 {
         self.slope / libm::sqrt(1.0 + self.slope * self.slope)
-    }
-
-    fn change_waves(&mut self, change: impl FnOnce(&mut Waves)) {
-        if let Some(waves) = &mut self.waves {
-            change(waves);
-        }
     }
 
     /// Distance from the paraxial object plane to the lens, um.
@@ -82,12 +73,9 @@ impl Microscope {
         if self.focus_shift_um == 0.0 { 0.0 } else { -(4.0 / 9.0) * a * a / self.focus_shift_um }
     }
 
-    /// Rate at which the edge of an image moves with depth, px/um; with waves at most a pixel per fifth of
-    /// the depth of field.
+    /// Rate at which the edge of an image moves with depth, px/um.
     pub(super) fn edge_px_per_um(&self) -> f64 {
-        let by_rays = self.slope * self.magnification / self.pixel_size_um;
-        let na = self.numerical_aperture();
-        self.waves.map_or(by_rays, |waves| by_rays.max(5.0 * na * na / waves.model.wavelength_um))
+        self.slope * self.magnification / self.pixel_size_um
     }
 
     /// Axial extent of the focus due to spherical aberration, um.
@@ -147,10 +135,6 @@ pub(super) enum Shared {
     RiLens,
     PixelSize,
     DepthFactor,
-    /// An aberration: index in [`TERMS`].
-    Aberration(usize),
-    /// Depth of the plane in focus below the cover slip.
-    FocusDepth,
 }
 
 impl Shared {
@@ -165,13 +149,11 @@ impl Shared {
             Shared::RiLens => "ri_lens",
             Shared::PixelSize => "pixel_size",
             Shared::DepthFactor => "depth_factor",
-            Shared::Aberration(term) => TERMS[term].1,
-            Shared::FocusDepth => "focus_depth_um",
         }
     }
 
-    /// The microscope with the quantity changed by `by`: in um for the focus shift and the focus depth, in
-    /// rad for the angle, in waves for aberrations, otherwise in the logarithm.
+    /// The microscope with the quantity changed by `by`: in um for the focus shift, in rad for the
+    /// angle, otherwise in the logarithm.
     pub(super) fn moved(self, from: Microscope, by: f64) -> Microscope {
         let mut to = from;
         let factor = libm::exp(by);
@@ -184,8 +166,6 @@ impl Shared {
             Shared::RiLens => to.ri_lens *= factor,
             Shared::PixelSize => to.pixel_size_um *= factor,
             Shared::DepthFactor => to.depth_factor *= factor,
-            Shared::Aberration(term) => to.change_waves(|waves| waves.aberrations[term] += by),
-            Shared::FocusDepth => to.change_waves(|waves| waves.move_focus(by)),
         }
         to
     }
@@ -202,14 +182,6 @@ impl Shared {
             Shared::RiLens => ratio(from.ri_lens, to.ri_lens),
             Shared::PixelSize => ratio(from.pixel_size_um, to.pixel_size_um),
             Shared::DepthFactor => ratio(from.depth_factor, to.depth_factor),
-            Shared::Aberration(term) => {
-                let at = |m: &Microscope| m.waves.map_or(0.0, |waves| waves.aberrations[term]);
-                at(to) - at(from)
-            }
-            Shared::FocusDepth => {
-                let at = |m: &Microscope| m.waves.map_or(0.0, |waves| waves.focus_depth_um());
-                at(to) - at(from)
-            }
         }
     }
 
@@ -220,8 +192,6 @@ impl Shared {
             Shared::FocusShift => Some((0.03 * at.focus_shift_um.abs()).max(0.3)),
             Shared::Diameter => Some(0.04),
             Shared::RiLens | Shared::PixelSize => Some(0.04),
-            Shared::Aberration(_) => Some(0.02),
-            Shared::FocusDepth => Some(2.0),
             Shared::Angle | Shared::DepthFactor => None,
         }
     }
@@ -235,8 +205,6 @@ impl Shared {
             Shared::Angle => 0.2,
             Shared::Diameter => 0.3,
             Shared::RiLens | Shared::PixelSize | Shared::DepthFactor => 0.05,
-            Shared::Aberration(_) => 0.1,
-            Shared::FocusDepth => 20.0,
         }
     }
 }
@@ -252,7 +220,6 @@ impl Microscope {
         self.focal_length_um = self.focal_length_um.clamp(15.0, 20_000.0);
         self.diameter_um = self.diameter_um.clamp(0.05, 60.0);
         self.ri_lens = self.ri_lens.max(1.05 * self.ri_medium).min(4.0);
-        self.change_waves(Waves::bound);
         self
     }
 }

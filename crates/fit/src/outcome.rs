@@ -1,18 +1,16 @@
 //! Result of a fit: parameters with confidence intervals, goodness of fit, conclusion.
 
-use microsig_core::render::waves::Lens;
 use microsig_core::{Settings, emission};
 use serde::Serialize;
 
 use super::FitOptions;
-use super::comparison::{self, Comparison, Run};
+use super::Run;
 use super::images::Problem;
 use super::intervals::Covariance;
 use super::noise::ROUNDING;
 use super::optics::Shared;
 use super::particles::Window;
-use super::state::{Misfit, State};
-use super::waves::TERMS;
+use super::state::{Misfit, State, chi2, r2};
 
 /// Half width of the 95 % interval of a normal distribution, standard deviations.
 const NORMAL_95: f64 = 1.959_964;
@@ -104,7 +102,7 @@ pub enum Verdict {
     Good,
     /// The model explains most of the light.
     Fair,
-    /// Geometrical optics is not a valid model.
+    /// The model is not valid.
     NotDescribed,
 }
 
@@ -113,11 +111,6 @@ pub enum Verdict {
 pub struct Fitted {
     /// Version of the program.
     pub version: &'static str,
-    /// `geometric` or `waves`.
-    pub model: &'static str,
-    /// Comparison of a fit by waves with one by geometrical optics.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub comparison: Option<Comparison>,
     /// Quantities that are common to all particles.
     pub parameters: Vec<Parameter>,
     /// Their correlations.
@@ -172,7 +165,7 @@ impl Fitted {
         options: &FitOptions,
     ) -> Fitted {
         let Run { problem, state, .. } = run;
-        let (chi2, r2) = (comparison::chi2(misfits), comparison::r2(misfits));
+        let (chi2, r2) = (chi2(misfits), r2(misfits));
         let pixels: usize = misfits.iter().map(|(_, _, m)| m.pixels).sum();
         let excess_sd = excess_sd(chi2, pixels as f64);
         let verdict = verdict(chi2, excess_sd, r2);
@@ -234,7 +227,6 @@ impl Fitted {
                 "a window ends at the edge of the image: light beyond the edge is not fitted".to_owned(),
             );
         }
-        let waves = state.microscope.waves;
         if verdict != Verdict::NoiseLimited {
             warnings.extend(halos(problem, state));
         }
@@ -244,16 +236,8 @@ impl Fitted {
                     .to_owned(),
             );
         }
-        if let Some(comparison) = &run.comparison
-            && !comparison.recommends_waves()
-        {
-            warnings
-                .push("geometrical optics describes this scan better: use the geometric model".to_owned());
-        }
         Fitted {
             version: storage::VERSION,
-            model: if waves.is_some() { "waves" } else { "geometric" },
-            comparison: run.comparison,
             parameters: parameters(problem, state, covariance, resampled, options),
             correlations: correlations(problem, covariance),
             direction: state.direction,
@@ -275,30 +259,27 @@ impl Fitted {
 
     /// The conclusion as a sentence.
     pub fn sentence(&self) -> String {
-        let (chi2, r2) = (self.chi2, self.r2);
-        let numbers = format!(
-            "chi2 per pixel {chi2:.3}, {:+.0} standard deviations from noise; {:.1} % of the light explained",
-            self.excess_sd,
-            100.0 * r2
-        );
-        match self.verdict {
-            Verdict::NoiseLimited => format!("the model describes the scan to within its noise ({numbers})"),
-            Verdict::Good => {
-                format!(
-                    "the model describes the scan well, with residuals beyond its noise ({numbers}); inspect them"
-                )
-            }
-            Verdict::Fair => {
-                format!("the model describes the scan roughly ({numbers}); inspect the residuals")
-            }
-            Verdict::NotDescribed if self.model == "waves" => {
-                format!("wave optics does not describe this scan ({numbers}); inspect the residuals")
-            }
-            Verdict::NotDescribed => format!(
-                "geometrical optics does not describe this scan ({numbers}): images this close to focus, or particles this small, \
-                 are shaped by diffraction"
-            ),
+        let unlike = "geometrical optics does not describe this scan: images this close to focus, or particles this small, are \
+                      shaped by diffraction";
+        sentence(unlike, self.verdict, [self.chi2, self.excess_sd, self.r2])
+    }
+}
+
+/// The conclusion from chi2 per pixel, its excess in standard deviations and R2; `unlike` if the model does not describe the scan.
+pub(super) fn sentence(unlike: &str, verdict: Verdict, [chi2, excess_sd, r2]: [f64; 3]) -> String {
+    let numbers = format!(
+        "chi2 per pixel {chi2:.3}, {excess_sd:+.0} standard deviations from noise; {:.1} % of the light explained",
+        100.0 * r2
+    );
+    match verdict {
+        Verdict::NoiseLimited => format!("the model describes the scan to within its noise ({numbers})"),
+        Verdict::Good => {
+            format!(
+                "the model describes the scan well, with residuals beyond its noise ({numbers}); inspect them"
+            )
         }
+        Verdict::Fair => format!("the model describes the scan roughly ({numbers}); inspect the residuals"),
+        Verdict::NotDescribed => format!("{unlike} ({numbers})"),
     }
 }
 
@@ -306,11 +287,8 @@ impl Fitted {
 /// for overlapping halos that give an NA of 0.66 instead of 0.4, below 0.1 % for isolated images at NA 0.3.
 const HALO: f64 = 0.01;
 
-/// See [`halo`]; none for waves, to which it advises.
+/// See [`halo`].
 fn halos(problem: &Problem, state: &State) -> Option<String> {
-    if state.microscope.waves.is_some() {
-        return None;
-    }
     let light = state.beads.iter().map(|bead| bead.light).sum::<f64>() / state.beads.len() as f64;
     let (edge, windows) = (problem.edge_px(), &problem.windows.particles);
     let overlap = |a: &Window, b: &Window| a.column.abs_diff(b.column).max(a.row.abs_diff(b.row)) < edge;
@@ -341,15 +319,15 @@ fn halo([fitted, dark]: [f64; 2], light: f64, edge: usize, is_crowded: bool) -> 
 }
 
 /// The chi2 per pixel of noise has a mean of 1 and a variance of 2 over the number of pixels.
-fn excess_sd(chi2: f64, pixels: f64) -> f64 {
+pub(super) fn excess_sd(chi2: f64, pixels: f64) -> f64 {
     (chi2 - 1.0) * libm::sqrt(0.5 * pixels)
 }
 
 /// Fraction of the light that a model of the scan explains at least.
-pub const LEAST_R2: f64 = 0.9;
+const LEAST_R2: f64 = 0.9;
 
 /// With many pixels, a small excess of chi2 shows errors of the model: 1.09 over 430,000 is 42 standard deviations.
-fn verdict(chi2: f64, excess_sd: f64, r2: f64) -> Verdict {
+pub(super) fn verdict(chi2: f64, excess_sd: f64, r2: f64) -> Verdict {
     match (chi2, r2) {
         (_, r2) if r2 < LEAST_R2 => Verdict::NotDescribed,
         _ if excess_sd < MORE_THAN_NOISE => Verdict::NoiseLimited,
@@ -418,24 +396,9 @@ fn parameters(
             at(Shared::NumericalAperture),
             one(Shared::NumericalAperture, by_slope),
         ),
+        entry("focal_length", "um", f, at(Shared::FocalLength), one(Shared::FocalLength, f)),
         entry("particle_diameter_um", "um", d, at(Shared::Diameter), one(Shared::Diameter, d)),
     ];
-    let corrected = microscope.waves.is_some_and(|waves| waves.model.lens == Lens::Aplanatic);
-    if !corrected {
-        let combination = one(Shared::FocalLength, f);
-        all.insert(1, entry("focal_length", "um", f, at(Shared::FocalLength), combination));
-    }
-    if let Some(waves) = &microscope.waves {
-        for (term, ((_, name), value)) in TERMS.iter().zip(waves.aberrations).enumerate() {
-            let shared = Shared::Aberration(term);
-            all.push(entry(name, "waves", value, at(shared), one(shared, 1.0)));
-        }
-        if waves.model.layers.is_some() {
-            let (shared, depth) = (Shared::FocusDepth, waves.focus_depth_um());
-            all.push(entry(shared.name(), "um", depth, at(shared), one(shared, 1.0)));
-        }
-        all.push(entry("wavelength_um", "um", waves.model.wavelength_um, None, Vec::new()));
-    }
     if let Some(shift) = at(Shared::FocusShift) {
         let (cylinder, delta) = (microscope.cylinder_um(), microscope.focus_shift_um);
         let mut combination = one(Shared::FocalLength, 2.0 * cylinder);

@@ -8,11 +8,11 @@ use microsig_core::{KEYS, Settings};
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray16, Gray32Float};
 
+use super::field::WaveModel;
 use super::images::Problem;
 use super::optics::Microscope;
 use super::outcome::Fitted;
 use super::state::State;
-use super::waves::{WaveModel, Waves};
 use storage::error::{Error, Result};
 
 /// Minimum number of particles of the scenario; the largest displacement in a pair of its images (px) and the
@@ -49,18 +49,15 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
         .iter()
         .flat_map(|p| fitted.planes.iter().map(move |plane| depth(plane.stage_um, p.z_um)));
     let (low, high) = depths.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
-    let model = microscope.waves.as_ref().map(|waves| &waves.model);
-    let depths_um = in_fluid((low, high), model, microscope.diameter_um);
-    let optics = microscope.waves.as_ref().map_or((String::new(), String::new()), wave_keys);
     let twin = Twin {
         settings: &fitted.settings,
         depth_factor,
         diameter_um: microscope.diameter_um,
-        depths_um,
+        depths_um: (low, high),
         px_um: microscope.pixel_size_um / microscope.magnification,
         particles: fitted.particles.len(),
         brightness_sd: 0.0,
-        optics,
+        optics: (String::new(), String::new()),
         sensor: String::new(),
     };
     ("scenario.ron", twin.text().into_bytes())
@@ -85,20 +82,9 @@ pub(super) struct Twin<'a> {
     pub(super) sensor: String,
 }
 
-/// Keys of wave optics, for `optics` and for `render`.
-fn wave_keys(waves: &Waves) -> (String, String) {
-    let model = &waves.model;
-    let terms = waves.zernike().into_iter().map(|(j, value)| format!("({j}, {})", round(value, 5)));
-    let terms = terms.collect::<Vec<_>>().join(", ");
-    let layers = layers(model);
-    let optics = format!(", lens: {}, pupil: (zernike: [{terms}]){layers}", model.lens.name());
-    (optics, render_line(model))
-}
-
 /// The part of the depths of a scan (um) in which particles do not touch the cover slip of a model.
-pub(super) fn in_fluid((low, high): (f64, f64), model: Option<&WaveModel>, diameter_um: f64) -> (f64, f64) {
-    let layers = model.and_then(|model| model.layers);
-    let touching_um = layers.map(|layers| 0.5 * diameter_um - layers.focus_depth_um);
+pub(super) fn in_fluid((low, high): (f64, f64), model: &WaveModel, diameter_um: f64) -> (f64, f64) {
+    let touching_um = model.layers.map(|layers| 0.5 * diameter_um - layers.focus_depth_um);
     // Scenarios have two digits.
     let lowest_um = touching_um.map_or(low, |z_um| libm::ceil(100.0 * z_um) / 100.0);
     (low.max(lowest_um).min(high), high)
@@ -187,7 +173,7 @@ pub(super) fn images(problem: &Problem, state: &State) -> Result<[NamedBytes; 2]
 mod tests {
     use super::*;
     use microsig_core::render::Context;
-    use microsig_core::render::waves::{Emission, Layers, Lens};
+    use microsig_core::render::waves::{Emission, Layers};
 
     fn twin(depth_factor: f64, diameter_um: f64, depths_um: (f64, f64), optics: (String, String)) -> String {
         let sensor = String::new();
@@ -218,22 +204,10 @@ mod tests {
     }
 
     #[test]
-    fn the_twin_by_waves_is_a_scenario() {
+    fn particles_do_not_touch_the_cover_slip() {
         let layers = Some(Layers::default());
-        let (emission, lens) = (Emission::Volume, Lens::Aplanatic);
-        let mut waves = Waves::new(WaveModel { wavelength_um: 0.52, emission, lens, layers });
-        waves.aberrations = [0.07, -0.1, 0.0, 0.01, 0.2];
-        // The cover slip is 100 um away.
-        let depths_um = in_fluid((-120.0, 3.0), Some(&waves.model), 0.2);
-        assert_eq!(depths_um, (-99.9, 3.0));
-        let text = twin(1.0, 0.2, depths_um, wave_keys(&waves));
-        let scenario =
-            scenario::load_text(&text, ("scenario.ron", Path::new(".")), &[], None, &Context::default())
-                .unwrap();
-        let text = format!("{:?}", scenario.spec);
-        assert!(
-            text.contains("(11, 0.07)") && text.contains("Aplanatic") && text.contains("Volume"),
-            "{text}"
-        );
+        let model = WaveModel { wavelength_um: 0.52, emission: Emission::Volume, layers };
+        // It is 100 um away.
+        assert_eq!(in_fluid((-120.0, 3.0), &model, 0.2), (-99.9, 3.0));
     }
 }

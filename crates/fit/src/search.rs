@@ -4,10 +4,9 @@ use super::curves::Start;
 use super::derivatives::Derivatives;
 use super::images::{Accuracy, Problem};
 use super::moments::Shape;
-use super::optics::{Microscope, Shared};
+use super::optics::Microscope;
 use super::rejection;
 use super::state::{Bead, Noise, State};
-use super::waves::{WaveModel, Waves};
 use storage::error::{Error, Result};
 
 /// Maximum number of iterations in the final fit; each minimizes, estimates the variance of light and rejects
@@ -40,9 +39,6 @@ const CONVERGED: f64 = 0.1;
 
 /// While starting points are compared, one particle in this many planes represents the scan.
 const COMPARED_PLANES: usize = 9;
-
-/// Initial numerical apertures of fits by waves.
-const APERTURES: [f64; 9] = [0.1, 0.15, 0.22, 0.32, 0.45, 0.6, 0.75, 0.87, 0.95];
 
 /// The state with the highest likelihood after a few steps from each starting point, and the difference of -2
 /// ln(likelihood) to the other direction of the stage; `None` if that was not tried.
@@ -97,7 +93,7 @@ pub(super) fn converge(
     problem.converged = CONVERGED;
     state.noise = problem.noises(&state)?.with_model;
     for round in 0..ROUNDS {
-        problem.stage = format!("{}, round {}", problem.name(), round + 1);
+        problem.stage = format!("round {}", round + 1);
         state = problem.minimize(state, STEPS, 1e-3, derivatives)?;
         state.noise = problem.noises(&state)?.with_model;
         let outliers = rejection::outliers(&problem.misfits(&state, None)?);
@@ -113,7 +109,7 @@ pub(super) fn converge(
             problem.rejected[k][i] = true;
         }
     }
-    problem.stage = format!("{}, last round", problem.name());
+    problem.stage = "last round".to_owned();
     problem.accuracy = finest;
     problem.minimize(state, STEPS, 1e-4, derivatives)
 }
@@ -146,62 +142,4 @@ fn first_state(
         flux: vec![1.0; problem.scan.planes.len()],
         noise: Noise { background2, per_count: 1.0, per_count2: 0.0 },
     })
-}
-
-/// The start of a fit by waves: the numerical aperture with the highest likelihood after a few steps,
-/// starting with each particle in focus in its sharpest image. `seed` provides the other properties of the
-/// microscope.
-pub(super) fn best_wave_start(
-    problem: &mut Problem,
-    shape: &Shape,
-    seed: Microscope,
-    model: WaveModel,
-    direction: f64,
-) -> Result<State> {
-    let sharpest: Vec<f64> = (0..problem.windows.particles.len())
-        .map(|k| -direction * problem.scan.stage_um[sharpest_plane(problem, k)] / seed.depth_factor)
-        .collect();
-    let mut best: Option<(f64, State)> = None;
-    for na in APERTURES {
-        problem.stage = format!("waves, numerical aperture {na}");
-        // All unresolved particles look alike, so the diameter is best approached from below.
-        let resolved_um = 0.5 * model.wavelength_um / na;
-        let is_given = !problem.shared.contains(&Shared::Diameter);
-        let diameter_um = if is_given { seed.diameter_um } else { seed.diameter_um.min(resolved_um) };
-        let microscope = Microscope {
-            diameter_um,
-            slope: na / libm::sqrt(1.0 - na * na),
-            focus_shift_um: 0.0,
-            angle: 0.0,
-            waves: Some(Waves::new(model)),
-            ..seed
-        };
-        let mut state = first_state(problem, shape, microscope, direction, &sharpest)?;
-        state.noise = problem.noises(&state)?.with_model;
-        state = problem.minimize(state, 2, 1e-2, &mut None)?;
-        let noises = problem.noises(&state)?;
-        let likelihood = problem.likelihood(&State { noise: noises.pure, ..state.clone() })?;
-        state.noise = noises.with_model;
-        if best.as_ref().is_none_or(|(least, _)| likelihood < *least) {
-            best = Some((likelihood, state));
-        }
-    }
-    best.map(|(_, state)| state).ok_or_else(|| Error::input("the fit has no starting point"))
-}
-
-/// The plane with the brightest square of three pixels near the middle of a particle's window.
-fn sharpest_plane(problem: &Problem, k: usize) -> usize {
-    let (scan, window) = (problem.scan, &problem.windows.particles[k]);
-    let near = |[dx, dy]: [f64; 2]| dx.abs().max(dy.abs()) < 0.5 * problem.windows.half as f64;
-    let square = |plane: &[u16], at: usize| -> u32 {
-        [at - scan.width, at, at + scan.width]
-            .iter()
-            .map(|row| (row - 1..=row + 1).map(|at| u32::from(plane[at])).sum::<u32>())
-            .sum()
-    };
-    let brightest = |plane: &[u16]| {
-        window.pixels.iter().filter(|(_, place)| near(*place)).map(|&(at, _)| square(plane, at)).max()
-    };
-    let brightness: Vec<_> = scan.planes.iter().map(|plane| brightest(plane)).collect();
-    (0..brightness.len()).max_by_key(|&i| (brightness[i], std::cmp::Reverse(i))).unwrap_or(0)
 }

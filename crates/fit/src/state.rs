@@ -105,6 +105,19 @@ pub(super) struct Misfit {
     pub(super) signal: f64,
 }
 
+/// Sum of squared residuals over variance, per pixel.
+pub(super) fn chi2(misfits: &[(usize, usize, Misfit)]) -> f64 {
+    let (chi2, n) = misfits.iter().fold((0.0, 0), |(c, n), (_, _, m)| (c + m.chi2, n + m.pixels));
+    chi2 / (n.max(1) as f64)
+}
+
+/// Fraction of the squared signal above the noise that the model explains.
+pub(super) fn r2(misfits: &[(usize, usize, Misfit)]) -> f64 {
+    let sum = |value: &dyn Fn(&Misfit) -> f64| misfits.iter().map(|(_, _, m)| value(m)).sum::<f64>();
+    let signal = sum(&|m| m.signal);
+    if signal > 0.0 { 1.0 - sum(&|m| m.unexplained) / signal } else { 0.0 }
+}
+
 /// Huber loss of a residual in standard deviations: quadratic, and linear beyond [`HUBER`].
 pub(super) fn huber(r: f64) -> f64 {
     let size = r.abs();

@@ -23,8 +23,9 @@ pub fn field_page(made: &FieldFiles, scan: &str, size_px: [usize; 2]) -> Result<
     let montage = montage(made)?;
     let body = html! {
         h1 { (title) }
-        p.soft { (singles) " single particles of " (fitted.particles.len()) "; their images with the fitted field dependence: R2 "
+        p.soft { (singles) " single particles of " (fitted.particles.len()) "; their images with the fitted optics: R2 "
             (format!("{:.4}", fitted.r2_of_field)) ", chi2 per pixel " (format!("{:.2}", fitted.chi2_of_field)) " (noise of one frame)" }
+        p { b { "Conclusion: " (fitted.sentence()) "." } }
         @for warning in &fitted.warnings { p.warning { (warning) } }
         h2 { "Field dependence" }
         p.soft { "X and Y are distances from the center of the field in the particles' space, mm. Intervals: from the scatter of the \
@@ -145,6 +146,7 @@ mod tests {
             field: microsig_core::optics::FieldOptics::default(),
             numerical_aperture: 0.44,
             blur_um: 0.8,
+            particle_diameter_um: 1.0,
             focus_um: 0.0,
             depths_um: [-10.0, 10.0],
             noise: [4.0, 0.1, 0.0],
@@ -154,6 +156,9 @@ mod tests {
             particles: vec![particle(true, 20.0), particle(false, 80.0)],
             r2_of_field: 0.98,
             chi2_of_field: 1.2,
+            excess_sd: 50.0,
+            r2_of_signal: 0.98,
+            verdict: fit::Verdict::Good,
             warnings: vec!["a < b".to_owned()],
         };
         let counts = vec![1.0, f32::NAN, 3.0, 4.0];

@@ -25,12 +25,6 @@ pub fn fit_page(fitted: &Fitted, evidence: &Evidence, scan: &str, out: &str) -> 
         p.soft { (fitted.particles.len()) " particles in " (fitted.planes.len()) " planes, windows of " (evidence.edge_px)
             " x " (evidence.edge_px) " px; microsig " (fitted.version) }
         p { b { (sentence(fitted)) } }
-        @if let Some(c) = &fitted.comparison {
-            p { "Recommended: " b { (if c.recommends_waves() { "waves" } else { "rays" }) } ". On the windows that both models use, rays have chi2 "
-                (format!("{:.3}", c.geometric.chi2)) " and explain " (format!("{:.1}", 100.0 * c.geometric.r2)) " %, waves have chi2 "
-                (format!("{:.3}", c.waves.chi2)) " and explain " (format!("{:.1}", 100.0 * c.waves.r2)) " %. BIC (-2 ln(likelihood) with a \
-                penalty for each fitted quantity) differs by " (format!("{:.0}", (c.geometric.bic - c.waves.bic).abs())) "." }
-        }
         @for warning in &fitted.warnings { p.warning { (warning) } }
         div.key { @for (name, value) in key_numbers(fitted) { div { (name) b { (value) } } } }
         h2 { "Data, model and residual over depth" }

@@ -9,7 +9,7 @@ use super::options::{Drawing, Replace};
 use super::output::{progress, summarize, warn};
 use crate::fitting::{FitFolder, FittedScan, read_places};
 use fit::{Astigmatic, ExtraParameter, FitOptions, Given, Scan, StagePositions, WaveModel};
-use microsig_core::render::waves::{Emission, Layers, Lens};
+use microsig_core::render::waves::{Emission, Layers};
 use storage::InputFile;
 use storage::advice;
 use storage::advice::option;
@@ -41,13 +41,13 @@ pub(super) struct Fit {
     #[arg(long, value_enum, default_value_t = Direction::Auto, value_name = "DIRECTION")]
     z_direction: Direction,
     /// Ratio of depth in the fluid to depth in the model: about the refractive index of the fluid for a dry
-    /// objective. Positions are then depths in the fluid; not with --fluid or --field
+    /// objective. Positions are then depths in the fluid; not with --model waves
     #[arg(long, default_value_t = 1.0, value_name = "F")]
     depth_factor: f64,
     /// Refractive index of the medium in the model
     #[arg(long, default_value_t = 1.0, value_name = "N")]
     medium: f64,
-    /// Particle diameter, um [default: fitted]
+    /// Particle diameter, um [default: fitted; with `--model waves`, it then includes the blur of the camera]
     #[arg(long, value_name = "UM")]
     diameter: Option<f64>,
     /// CSV file with the columns `x_px` and `y_px` of the particles to use [default: detected]
@@ -56,10 +56,10 @@ pub(super) struct Fit {
     /// Whether the microscope has a cylindrical lens
     #[arg(long, value_enum, default_value_t = Cylinder::Auto, value_name = "ANSWER")]
     astigmatic: Cylinder,
-    /// Brightness of each plane: fitted (for real objectives), or as the model predicts
+    /// Brightness of each plane: fitted (for real objectives), or as the ray model predicts
     #[arg(long, value_enum, default_value_t = Flux::Free)]
     flux: Flux,
-    /// Additional quantities to fit; for experts
+    /// Additional quantities to fit, for experts; for `--model geometric`
     #[arg(long, value_parser = choice::<ExtraParameter>(), value_delimiter = ',', value_name = "KEYS")]
     free: Vec<ExtraParameter>,
     /// Optical model of the images
@@ -71,19 +71,16 @@ pub(super) struct Fit {
     /// The part of a particle that emits light; for `--model waves`
     #[arg(long, value_parser = choice::<Emission>(), default_value = "surface", value_name = "PART")]
     emission: Emission,
-    /// The objective; for `--model waves`
-    #[arg(long, value_parser = choice::<Lens>(), default_value = "aplanatic", value_name = "LENS")]
-    lens: Lens,
-    /// Refractive index of the fluid below a cover slip of 0.17 mm, whose spherical aberration is fitted; for
+    /// Refractive index of the fluid below a cover slip of 0.17 mm, for the spherical aberration it causes; for
     /// `--model waves`. Positions are then depths in the fluid [default: the medium that the objective is designed for]
     #[arg(long, value_name = "N")]
     fluid: Option<f64>,
-    /// Depth of the plane in focus below the cover slip, um, from which the fit starts; for `--fluid`
+    /// Depth of the plane in focus below the cover slip, um; for `--fluid`
     #[arg(long, value_name = "UM", default_value_t = Layers::default().focus_depth_um, requires = "fluid")]
     fluid_depth: f64,
     /// Fit how the optics vary over the field of view: curvature and tilt of the focus, chief ray, vignetting,
-    /// coma, astigmatism, blur; for `--model waves`, with --diameter
-    #[arg(long, requires = "diameter")]
+    /// coma, astigmatism; for `--model waves`
+    #[arg(long)]
     field: bool,
     /// The channel with the particles, from 0, if the file states several
     #[arg(long, value_name = "K")]
@@ -130,7 +127,7 @@ enum Cylinder {
 enum Model {
     /// Rays, for images far from focus
     Geometric,
-    /// Diffraction, with aberrations of the objective; also fits rays and reports which model is better
+    /// Diffraction, with aberrations of the objective
     Waves,
 }
 
@@ -155,7 +152,7 @@ impl Fit {
             scan = scan.cut(first, last)?;
         }
         warn(options.warning(), common);
-        let folder = FitFolder::start(&self.out, self.field, self.replace.force)?;
+        let folder = FitFolder::start(&self.out, options.waves.is_some(), self.replace.force)?;
         warn(folder.warning(), common);
         let spinner = progress(common).spinner("fit");
         let watch = |what: &str| spinner.set_message(format!("fit: {what}"));
@@ -199,7 +196,6 @@ impl Fit {
             waves: self.wavelength.map(|wavelength_um| WaveModel {
                 wavelength_um,
                 emission: self.emission,
-                lens: self.lens,
                 layers: self.fluid.map(|n_s| Layers {
                     n_s,
                     focus_depth_um: self.fluid_depth,

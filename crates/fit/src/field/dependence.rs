@@ -8,7 +8,8 @@ use microsig_core::optics::{ChiefRay, FieldAstigmatism, FieldComa, FieldOptics, 
 use serde::Serialize;
 
 use super::local::{
-    ASTIGMATISM, BLUR, COMA, COUNT, FOCUS, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION, X, Y,
+    ASTIGMATISM, BLUR, COMA, COUNT, DIAMETER, FOCUS, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION,
+    X, Y,
 };
 use microsig_core::linear::Symmetric;
 
@@ -20,7 +21,7 @@ struct Term {
     effect: fn([f64; 2]) -> Vec<(usize, f64)>,
 }
 
-const TERMS: [Term; 19] = [
+const TERMS: [Term; 20] = [
     Term { key: "focus_um", unit: "um", effect: |_| vec![(FOCUS, 1.0)] },
     Term { key: "focus.tilt_um_per_mm.0", unit: "um/mm", effect: |[x, _]| vec![(FOCUS, x)] },
     Term { key: "focus.tilt_um_per_mm.1", unit: "um/mm", effect: |[_, y]| vec![(FOCUS, y)] },
@@ -56,6 +57,7 @@ const TERMS: [Term; 19] = [
     Term { key: "spherical", unit: "waves", effect: |_| vec![(SPHERICAL, 1.0)] },
     Term { key: "blur_um", unit: "um", effect: |_| vec![(BLUR, 1.0)] },
     Term { key: "transmission", unit: "", effect: |_| vec![(TRANSMISSION, 1.0)] },
+    Term { key: "particle_diameter_um", unit: "um", effect: |_| vec![(DIAMETER, 1.0)] },
 ];
 
 /// The coefficient of the light over the field.
@@ -114,16 +116,20 @@ pub(super) const FEWEST: usize = 8;
 pub(super) const FEWEST_OF_FOCUS: usize = 6;
 
 impl FieldDependence {
-    /// The field dependence that the particles show; `None` if they do not determine it.
-    pub(super) fn of(evidence: &[Evidence]) -> Option<FieldDependence> {
+    /// The optics that the particles show, with their field dependence or the same everywhere; `None` if they do not determine
+    /// them.
+    pub(super) fn of(evidence: &[Evidence], is_field: bool) -> Option<FieldDependence> {
+        let free = &evidence.first()?.free;
+        let quantities: Vec<usize> = free.iter().copied().filter(|q| *q != X && *q != Y).collect();
         let is_constant = |term: &Term| (term.effect)([0.0; 2]).iter().any(|(_, by)| *by != 0.0);
+        let is_free = |term: &Term| (term.effect)([1.0; 2]).iter().all(|(q, _)| free.contains(q));
         let is_determined = |term: &&Term| match evidence.len() {
-            FEWEST.. => true,
-            FEWEST_OF_FOCUS.. => is_constant(term) || term.key.starts_with("focus."),
+            _ if !is_free(term) => false,
+            FEWEST.. if is_field => true,
+            FEWEST_OF_FOCUS.. if is_field => is_constant(term) || term.key.starts_with("focus."),
             _ => is_constant(term),
         };
         let terms: Vec<&Term> = TERMS.iter().filter(is_determined).collect();
-        let quantities: Vec<usize> = (0..COUNT).filter(|q| *q != X && *q != Y).collect();
         let n = quantities.len();
         let place_of = |quantity: usize| quantities.iter().position(|q| *q == quantity);
         // By particle: the matrix [quantities x terms] and the values less those without any term.
@@ -225,13 +231,18 @@ impl FieldDependence {
         self.coefficient(key).map_or(0.0, |c| c.value)
     }
 
-    /// The quantities at a place (mm); the position as in `like`.
+    /// The quantities at a place (mm); the position and what is given as in `like`.
     pub(super) fn at(&self, place: [f64; 2], like: &Local) -> Local {
         let mut local = [0.0; COUNT];
         for index in [X, Y] {
             local[index] = like[index];
         }
         local[MERIDIONAL] = 1.0;
+        for (quantity, key) in [(BLUR, "blur_um"), (DIAMETER, "particle_diameter_um")] {
+            if self.coefficient(key).is_none() {
+                local[quantity] = like[quantity];
+            }
+        }
         for term in &TERMS {
             for (quantity, by) in (term.effect)(place) {
                 local[quantity] += by * self.value(term.key);
@@ -428,7 +439,7 @@ mod tests {
                     Evidence { place, local, free: (0..COUNT).collect(), covariance }
                 })
                 .collect();
-            for found in FieldDependence::of(&evidence).unwrap().coefficients {
+            for found in FieldDependence::of(&evidence, true).unwrap().coefficients {
                 *covered.entry(found.key).or_default() += u32::from(found.value.abs() < 1.96 * found.sd);
             }
         }
@@ -461,7 +472,7 @@ mod tests {
             (0..COUNT).for_each(|q| covariance.add(q, q, 1e-8));
             evidence.push(Evidence { place: [x, y], local, free: (0..COUNT).collect(), covariance });
         }
-        let dependence = FieldDependence::of(&evidence).unwrap();
+        let dependence = FieldDependence::of(&evidence, true).unwrap();
         for (key, expected) in [
             ("focus_um", -1.5),
             ("focus.tilt_um_per_mm.1", 3.8),
@@ -476,10 +487,10 @@ mod tests {
             assert!((found.value - expected).abs() < 4.0 * found.sd.max(1e-4), "{found:?}, not {expected}");
             assert!(found.sd < 0.03 * (1.0 + expected.abs()), "{found:?}");
         }
-        let few = FieldDependence::of(&evidence[..2]).unwrap();
+        let few = FieldDependence::of(&evidence[..2], true).unwrap();
         assert_eq!(
             (few.value("coma.per_mm"), few.coefficients.len()),
-            (0.0, 11),
+            (0.0, 12),
             "optics of few are constant"
         );
         assert!((few.value("numerical_aperture") - 0.44).abs() < 1e-3, "{few:?}");

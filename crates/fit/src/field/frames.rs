@@ -36,7 +36,7 @@ impl Frames {
             let term = |i: usize| terms.get(i).copied().unwrap_or(0.0);
             Noise { background2: term(0).max(ROUNDING), per_count: term(1), per_count2: term(2) }
         });
-        let of_background = background.noise * background.noise;
+        let of_background = background.noise * background.noise + ROUNDING;
         Frames {
             stage_um: levels.iter().map(|level| level.z_um).collect(),
             repeats: levels.iter().map(|level| level.planes.len()).collect(),

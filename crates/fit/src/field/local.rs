@@ -1,11 +1,11 @@
 //! The model of one particle's images: optics at its place in the field.
 
 use microsig_core::optics::LocalOptics;
-use microsig_core::render::waves::{Lens, PupilFunction, SingleImages, WaveOptics, WavesRenderer};
+use microsig_core::render::waves::{PupilFunction, SingleImages, WaveOptics, WavesRenderer};
 use microsig_core::{Error, Settings};
 
 /// Quantities of a particle's images, in the order of [`Local`].
-pub(super) const COUNT: usize = 14;
+pub(super) const COUNT: usize = 15;
 
 /// Indices of the quantities.
 pub(super) const FOCUS: usize = 0;
@@ -19,6 +19,7 @@ pub(super) const ASTIGMATISM: usize = 9;
 pub(super) const SPHERICAL: usize = 11;
 pub(super) const BLUR: usize = 12;
 pub(super) const TRANSMISSION: usize = 13;
+pub(super) const DIAMETER: usize = 14;
 
 /// Names of the quantities, with units, and the steps of differences.
 pub(super) const QUANTITIES: [(&str, f64); COUNT] = [
@@ -36,12 +37,14 @@ pub(super) const QUANTITIES: [(&str, f64); COUNT] = [
     ("spherical_waves", 0.005),
     ("blur_um", 0.02),
     ("pupil_transmission", 0.05),
+    ("particle_diameter_um", 0.02),
 ];
 
 /// Values of the quantities: stage position in focus (um, toward the lens if stage positions are), position
 /// relative to the middle of the window in focus (px), slope of the chief ray, numerical aperture, half width
 /// of the pupil along the direction from the center of the field over that across it, coma (Noll 8 and 7),
-/// astigmatism (6 and 5), spherical aberration (11), blur (um), transmission.
+/// astigmatism (6 and 5), spherical aberration (11), blur (um), transmission, diameter of the
+/// particle (um).
 pub(super) type Local = [f64; COUNT];
 
 /// What is given.
@@ -51,14 +54,22 @@ pub(super) struct Instrument {
     pub(super) settings: Settings,
     /// Wavelength, emission and layers.
     pub(super) light: WaveOptics,
-    pub(super) d_um: f64,
     /// +1: stage positions increase away from the lens.
     pub(super) direction: f64,
+    /// Particle diameter, um; fitted if `None`.
+    pub(super) diameter_um: Option<f64>,
+    /// The quantities that are fitted.
+    pub(super) free: Vec<usize>,
 }
 
 impl Instrument {
     pub(super) fn px_per_um(&self) -> f64 {
         self.settings.magnification / self.settings.pixel_size
+    }
+
+    /// A particle that is hardly resolved, um. All smaller ones look alike, so a diameter is best approached from below.
+    pub(super) fn resolved_um(&self, na: f64) -> f64 {
+        0.5 * self.light.wavelength_um / na
     }
 
     /// Images of a particle with these optics in a direction of the field, at these distances from the focus
@@ -88,7 +99,6 @@ impl Instrument {
             ..self.settings.clone()
         };
         let optics = WaveOptics {
-            lens: Lens::Aplanatic,
             pupil: PupilFunction {
                 zernike: vec![(11, local[SPHERICAL])],
                 transmission: local[TRANSMISSION],
@@ -107,7 +117,7 @@ impl Instrument {
             squeeze,
         };
         let renderer = WavesRenderer::new(&settings, &optics, tolerance)?;
-        Ok(renderer.single_images_at(&at_place, depths_um, self.d_um, [half + MARGIN_PX; 2]))
+        Ok(renderer.single_images_at(&at_place, depths_um, local[DIAMETER], [half + MARGIN_PX; 2]))
     }
 
     /// Distance of a particle from the surface in focus at a stage position, um, positive away from the lens.
@@ -126,7 +136,11 @@ pub(super) fn bounded(mut local: Local, largest_na: f64) -> Local {
     if local[MERIDIONAL] > 1.0 {
         local[NA] = local[NA].min(largest_na / local[MERIDIONAL]);
     }
-    local[BLUR] = local[BLUR].max(0.02);
+    // A blur of 0 is not fitted.
+    if local[BLUR] != 0.0 {
+        local[BLUR] = local[BLUR].max(0.02);
+    }
+    local[DIAMETER] = local[DIAMETER].clamp(0.02, 60.0);
     local[TRANSMISSION] = local[TRANSMISSION].clamp(-0.9, 3.0);
     for waves in &mut local[COMA..=SPHERICAL] {
         *waves = waves.clamp(-0.5, 0.5);

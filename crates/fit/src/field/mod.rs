@@ -1,8 +1,8 @@
-//! The fit of a whole field: the optics of an objective as they vary over the field of view.
+//! The fit by waves: the optics of an objective, the same everywhere or as they vary over the field of view.
 //!
-//! Single particles are found over the field (`particles`), repeated frames give the noise (`frames`), each
-//! particle is fitted by wave optics with aberrations of its own (`local`, `particle`), and the field dependence
-//! follows from all that are single (`dependence`). Particles are taken to lie on a plane across the stage's
+//! Single particles are found over the field (`particles`), repeated frames or residuals give the noise (`frames`), each
+//! particle is fitted by wave optics with aberrations of its own (`local`, `particle`), and the optics, with their field
+//! dependence, follow from all that are single (`dependence`). Particles are taken to lie on a plane across the stage's
 //! motion: a tilt of the plane is a tilt of the focus.
 
 mod dependence;
@@ -14,38 +14,52 @@ mod particle;
 mod subjects;
 
 use microsig_core::Settings;
-use microsig_core::render::waves::{Lens, WaveOptics};
+use microsig_core::linear::Symmetric;
+use microsig_core::render::waves::{Emission, Layers, Lens, WaveOptics};
 
 use crate::background::Background;
 use crate::images::Watch;
+use crate::noise::{self, Pixel};
 use crate::optics::Given;
 use crate::particles;
 use crate::scan::Scan;
-use crate::waves::WaveModel;
 pub use dependence::Coefficient;
 use dependence::{Evidence, FieldDependence};
 use frames::Frames;
 use local::{
-    ASTIGMATISM, BLUR, COMA, FOCUS, Instrument, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION, X, Y,
+    ASTIGMATISM, BLUR, COMA, DIAMETER, FOCUS, Instrument, Local, MERIDIONAL, NA, SLOPE, SPHERICAL,
+    TRANSMISSION, X, Y, bounded,
 };
-use microsig_core::linear::Symmetric;
 use outcome::Outcome;
 pub use outcome::{FieldFiles, FieldFit, FieldImages, FieldParticle, PlaneImages};
-use particle::{COARSE, FINE, Fit, Subject};
+use particle::{FINE, Fit, Subject};
 use storage::error::{Error, Result};
 
-/// Options of [`fit_field`].
+/// Given properties of light and objective. Astigmatism is an aberration of the pupil here, not a cylindrical lens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WaveModel {
+    /// Wavelength in vacuum, um.
+    pub wavelength_um: f64,
+    /// The part of a particle that emits light.
+    pub emission: Emission,
+    /// Layers between particles and objective. `None`: the layers for which the objective was designed.
+    pub layers: Option<Layers>,
+}
+
+/// Options of [`fit_waves`].
 #[derive(Debug, Clone)]
-pub struct FieldOptions {
+pub struct WaveOptions {
     /// Given properties of the microscope.
     pub given: Given,
-    /// Particle diameter, um: it cannot be told from blur.
-    pub diameter_um: f64,
+    /// Particle diameter, um, and the blur of the camera is fitted; if `None`, a diameter that contains all blur.
+    pub diameter_um: Option<f64>,
     /// +1: stage positions increase away from the lens; -1: toward it. Images tell only if the spherical
     /// aberration is known.
     pub direction: f64,
     /// Light and objective.
     pub waves: WaveModel,
+    /// Whether the field dependence is fitted.
+    pub is_field: bool,
     /// Half width of the windows, px; from the size of the images if `None`.
     pub half_window: Option<usize>,
     /// Positions of the particles to fit, px, with the first pixel's center at (1, 1).
@@ -54,35 +68,34 @@ pub struct FieldOptions {
     pub all_px: Vec<[f64; 2]>,
 }
 
-/// Number of planes from which a first fit starts.
-const FEW_PLANES: usize = 9;
+/// Largest number of particles, of a field and of the same optics everywhere.
+const MOST: [usize; 2] = [40, 8];
 
 /// A particle is not single if its chi2 exceeds the median of all by this factor.
 const DOUBLE: f64 = 1.8;
 
-/// The quantities of a particle that are fitted.
-const FREE: [usize; 14] = [
-    FOCUS,
-    X,
-    Y,
-    SLOPE,
-    SLOPE + 1,
-    NA,
-    MERIDIONAL,
-    COMA,
-    COMA + 1,
-    ASTIGMATISM,
-    ASTIGMATISM + 1,
-    SPHERICAL,
-    BLUR,
-    TRANSMISSION,
-];
+/// The largest aperture that is tried is at least this multiple of that of the start.
+const HEADROOM: f64 = 1.25;
 
-/// Fits the optics of a whole field to a scan; `watch` receives progress messages.
+/// Largest number of steps of the first particle's fit, and of those that start from one nearby.
+const STEPS: usize = 20;
+const STEPS_FROM_NEARBY: usize = 4;
+
+/// The quantities of a particle that are fitted: not both blur and diameter, and vignetting only of a field.
+fn free(options: &WaveOptions) -> Vec<usize> {
+    let all = [FOCUS, X, Y, SLOPE, SLOPE + 1, NA, MERIDIONAL, COMA, COMA + 1, ASTIGMATISM, ASTIGMATISM + 1];
+    let fixed = if options.diameter_um.is_some() { DIAMETER } else { BLUR };
+    all.into_iter()
+        .chain([SPHERICAL, BLUR, TRANSMISSION, DIAMETER])
+        .filter(|quantity| *quantity != fixed && (options.is_field || *quantity != MERIDIONAL))
+        .collect()
+}
+
+/// Fits the optics to a scan by waves; `watch` receives progress messages.
 ///
 /// # Errors
 /// [`storage::Error::Input`] if the scan has too few single particles.
-pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Result<FieldFiles> {
+pub fn fit_waves(scan: &Scan, options: &WaveOptions, watch: Watch<'_>) -> Result<FieldFiles> {
     watch("noise of repeated frames");
     let frames = Frames::of(scan);
     watch("particles");
@@ -94,7 +107,21 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
         particles::half_width(scan, background, &candidates).min(particles::half_spacing(&candidates))
     });
     let instrument = instrument(options);
-    let (subjects, found) = subjects::of(scan, &frames, &instrument, (&candidates, fitted), half)?;
+    let free = instrument.free.as_slice();
+    let most = MOST[usize::from(!options.is_field)];
+    let (mut subjects, found) = subjects::of(scan, &frames, &instrument, (&candidates, fitted), half, most)?;
+    watch("starts");
+    let mut start = subjects[0].best_start()?;
+    // Particles near focus do not fill their windows.
+    let largest_na = (HEADROOM * start[NA]).clamp(subjects[0].largest_na, particle::LARGEST_NA);
+    subjects.iter_mut().for_each(|subject| subject.largest_na = largest_na);
+    if !frames.is_noise_measured {
+        watch("noise of residuals");
+        let fit = subjects[0].fit(&start, free, FINE, STEPS)?;
+        start = fit.local;
+        let noise = noise::estimate(&subjects[0].residuals(&fit), frames.noise).with_model;
+        subjects.iter_mut().for_each(|subject| subject.noise = noise);
+    }
     let middle = |k: usize| subjects[k].place_mm;
     let mut fits: Vec<Fit> = Vec::with_capacity(subjects.len());
     for (k, subject) in subjects.iter().enumerate() {
@@ -103,9 +130,14 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
         let nearest = (0..k)
             .filter(|&j| is_good(&fits[j], &fits))
             .min_by(|&a, &b| distance(middle(a), middle(k)).total_cmp(&distance(middle(b), middle(k))));
-        fits.push(single(subject, nearest.map(|j| fits[j].local))?);
+        let (like, steps) = nearest.map_or((start, STEPS), |j| (fits[j].local, STEPS_FROM_NEARBY));
+        let mut local = like;
+        if k > 0 {
+            [local[X], local[Y]] = subject.sharpest().1;
+        }
+        fits.push(subject.fit(&local, free, FINE, steps)?);
     }
-    watch("field dependence");
+    watch("optics of all particles");
     let median = median(fits.iter().map(Fit::chi2).collect());
     let is_single: Vec<bool> = fits.iter().map(|fit| fit.chi2() < DOUBLE * median).collect();
     let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
@@ -116,14 +148,26 @@ pub fn fit_field(scan: &Scan, options: &FieldOptions, watch: Watch<'_>) -> Resul
     };
     let undetermined = || {
         Error::input(
-            "the particles do not determine the field dependence: they must be spread over the field",
+            "the particles do not determine the optics: use a longer scan or, of a field, particles spread over it",
         )
     };
-    let dependence = FieldDependence::of(&evidence(&fits)).ok_or_else(undetermined)?;
-    watch("field dependence: refinement");
-    let refined = about_field(&subjects, &fits, &singles, |k| dependence.at(places[k], &fits[k].local))?;
-    let dependence = FieldDependence::of(&evidence(&refined)).ok_or_else(undetermined)?;
-    watch("images with the fitted field dependence");
+    let dependence_of =
+        |fits: &[Fit]| FieldDependence::of(&evidence(fits), options.is_field).ok_or_else(undetermined);
+    let dependence = dependence_of(&fits)?;
+    watch("optics of all particles: refinement");
+    // The optics of one particle are its own.
+    let refined = match singles.len() {
+        1 => fits.clone(),
+        _ => about_field(&subjects, &fits, &singles, |k| dependence.at(places[k], &fits[k].local))?,
+    };
+    let dependence = dependence_of(&refined)?;
+    watch("images with the fitted optics");
+    if !frames.is_noise_measured {
+        // From here on, only the noise counts, without the residuals attributed to errors of the model.
+        let pixels: Vec<Pixel> = singles.iter().flat_map(|&k| subjects[k].residuals(&fits[k])).collect();
+        let noise = noise::estimate(&pixels, frames.noise).pure;
+        subjects.iter_mut().for_each(|subject| subject.noise = noise);
+    }
     let of_field: Vec<Fit> = (0..fits.len())
         .map(|k| {
             let start = dependence.at(places[k], &fits[k].local);
@@ -145,18 +189,19 @@ fn about_field(
 ) -> Result<Vec<Fit>> {
     let mut refined = fits.to_vec();
     for &k in singles {
-        let fit = subjects[k].fit_at(&at_field(k), &FREE, FINE)?;
+        let subject = &subjects[k];
+        let fit = subject.fit_at(&at_field(k), &fits[k].free, FINE)?;
         let mut local = fit.local;
         if let Some(step) = fit.quadratic.matrix.solve(&fit.quadratic.right) {
-            FREE.iter().zip(step).for_each(|(&quantity, by)| local[quantity] += by);
+            fit.free.iter().zip(step).for_each(|(&quantity, by)| local[quantity] += by);
         }
-        refined[k] = Fit { local, ..fit };
+        refined[k] = Fit { local: bounded(local, subject.largest_na), ..fit };
     }
     Ok(refined)
 }
 
-fn instrument(options: &FieldOptions) -> Instrument {
-    let FieldOptions { given, waves, .. } = options;
+fn instrument(options: &WaveOptions) -> Instrument {
+    let WaveOptions { given, waves, .. } = options;
     Instrument {
         settings: Settings {
             magnification: given.magnification,
@@ -172,31 +217,10 @@ fn instrument(options: &FieldOptions) -> Instrument {
             layers: waves.layers,
             ..WaveOptics::new(waves.wavelength_um)
         },
-        d_um: options.diameter_um,
+        diameter_um: options.diameter_um,
         direction: options.direction,
+        free: free(options),
     }
-}
-
-/// The fit of one particle, from another's values or from scratch.
-fn single(subject: &Subject, like: Option<Local>) -> Result<Fit> {
-    let own = particle::start(subject);
-    let start = match like {
-        Some(mut like) => {
-            (like[X], like[Y]) = (own[X], own[Y]);
-            like
-        }
-        None => {
-            let some = evenly(subject.planes.len(), FEW_PLANES);
-            let few = Subject {
-                planes: some.iter().map(|i| subject.planes[*i]).collect(),
-                masks: some.iter().filter_map(|i| subject.masks.get(*i).cloned()).collect(),
-                window: subject.window.clone(),
-                ..*subject
-            };
-            few.fit(&own, &[FOCUS, X, Y, NA, BLUR], COARSE, 12)?.local
-        }
-    };
-    subject.fit(&start, &FREE, FINE, if like.is_some() { 4 } else { 8 })
 }
 
 fn is_good(fit: &Fit, all: &[Fit]) -> bool {

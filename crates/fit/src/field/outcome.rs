@@ -7,9 +7,10 @@ use serde::Serialize;
 
 use super::dependence::{Coefficient, FEWEST, FEWEST_OF_FOCUS, FieldDependence, LIGHT, SCATTER};
 use super::frames::Frames;
-use super::local::{FOCUS, NA, QUANTITIES, X, Y};
+use super::local::{DIAMETER, FOCUS, NA, QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
-use super::{FREE, FieldOptions, evenly, median, output};
+use super::{WaveOptions, evenly, median, output};
+use crate::outcome::{Verdict, excess_sd, sentence, verdict};
 use crate::particles::Candidate;
 use crate::scan::Scan;
 use storage::error::{Error, Result};
@@ -78,15 +79,17 @@ pub struct FieldFit {
     pub field: FieldOptics,
     /// Numerical aperture.
     pub numerical_aperture: f64,
-    /// Standard deviation of the blur, um.
+    /// Standard deviation of the blur, um; 0 if it is contained in the diameter.
     pub blur_um: f64,
+    /// Diameter of the particles, um.
+    pub particle_diameter_um: f64,
     /// Stage position in focus at the center of the field, um.
     pub focus_um: f64,
     /// Depth range of the scan, um.
     pub depths_um: [f64; 2],
     /// Variance of a count: background (counts^2), per count of light (counts), per squared count.
     pub noise: [f64; 3],
-    /// Whether that is the noise between repeated frames; otherwise only the background's is known.
+    /// Whether that is the noise between repeated frames; otherwise the part of residuals that neighboring pixels do not share.
     pub is_noise_measured: bool,
     /// Background, counts.
     pub background: f64,
@@ -98,8 +101,25 @@ pub struct FieldFit {
     pub r2_of_field: f64,
     /// Median over single particles, by the field dependence, in units of the variance of one frame.
     pub chi2_of_field: f64,
+    /// Excess of chi2 over 1, in standard deviations of the chi2 of noise on as many pixels.
+    pub excess_sd: f64,
+    /// Fraction of the images' variance without noise that the field dependence explains.
+    pub r2_of_signal: f64,
+    /// Assessment of the fit.
+    pub verdict: Verdict,
     /// What to know about the result.
     pub warnings: Vec<String>,
+}
+
+impl FieldFit {
+    /// The conclusion as a sentence.
+    pub fn sentence(&self) -> String {
+        sentence(
+            "wave optics does not describe this scan: inspect the residuals",
+            self.verdict,
+            [self.chi2_of_field, self.excess_sd, self.r2_of_signal],
+        )
+    }
 }
 
 /// A fit with the files that describe it.
@@ -119,7 +139,7 @@ const PLAUSIBLE_TRANSMISSION: RangeInclusive<f64> = -0.6..=0.5;
 /// The parts of a result.
 pub(super) struct Outcome<'a> {
     pub(super) scan: &'a Scan,
-    pub(super) options: &'a FieldOptions,
+    pub(super) options: &'a WaveOptions,
     pub(super) frames: &'a Frames,
     pub(super) subjects: &'a [Subject<'a>],
     pub(super) candidates: &'a [Candidate],
@@ -138,33 +158,18 @@ impl Outcome<'_> {
         focus_scatter(&singles.iter().map(residual).collect::<Vec<_>>())
     }
 
-    pub(super) fn files(
+    fn particles(
         &self,
         fits: &[Fit],
         is_single: &[bool],
         dependence: &FieldDependence,
         of_field: &[Fit],
-    ) -> Result<FieldFiles> {
-        let Outcome { scan, options, frames, subjects, candidates, .. } = self;
-        let repeats = frames.repeats.iter().sum::<usize>() as f64 / frames.repeats.len() as f64;
-        let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
-        let places = |k: usize| subjects[k].place_of(&fits[k].local);
-        let light: Vec<([f64; 2], f64)> = singles.iter().map(|&k| (places(k), of_field[k].light())).collect();
-        let mut dependence = dependence.clone();
-        if singles.len() >= FEWEST {
-            let (value, sd) = light_dependence(&light);
-            dependence.coefficients.push(Coefficient { key: LIGHT, value, sd, unit: "1/mm^2" });
-        }
-        if singles.len() >= FEWEST_OF_FOCUS {
-            let (value, sd) = self.scatter(&singles, of_field, &dependence);
-            dependence.coefficients.push(Coefficient { key: SCATTER, value, sd, unit: "um" });
-        }
-        let (field, unresolved) = dependence.field(options.direction);
-        let quantities: Vec<&'static str> = FREE.iter().map(|q| QUANTITIES[*q].0).collect();
-        let particles: Vec<FieldParticle> = (0..fits.len())
+    ) -> Vec<FieldParticle> {
+        let subjects = self.subjects;
+        (0..fits.len())
             .map(|k| {
                 let window = &subjects[k].window;
-                let local = &fits[k].local;
+                let Fit { local, free, .. } = &fits[k];
                 let place_mm = subjects[k].place_of(local);
                 let of_place = dependence.at(place_mm, local);
                 let covariance = fits[k].quadratic.matrix.inverse();
@@ -182,12 +187,39 @@ impl Outcome<'_> {
                     r2_of_field: of_field[k].r2(),
                     refitted_focus_um: of_field[k].local[FOCUS],
                     light: of_field[k].light(),
-                    measured: FREE.iter().map(|q| local[*q]).collect(),
-                    sd: (0..FREE.len()).map(sd).collect(),
-                    of_field: FREE.iter().map(|q| of_place[*q]).collect(),
+                    measured: free.iter().map(|q| local[*q]).collect(),
+                    sd: (0..free.len()).map(sd).collect(),
+                    of_field: free.iter().map(|q| of_place[*q]).collect(),
                 }
             })
-            .collect();
+            .collect()
+    }
+
+    pub(super) fn files(
+        &self,
+        fits: &[Fit],
+        is_single: &[bool],
+        dependence: &FieldDependence,
+        of_field: &[Fit],
+    ) -> Result<FieldFiles> {
+        let Outcome { scan, options, frames, subjects, candidates, .. } = self;
+        let repeats = frames.repeats.iter().sum::<usize>() as f64 / frames.repeats.len() as f64;
+        let singles: Vec<usize> = (0..fits.len()).filter(|k| is_single[*k]).collect();
+        let places = |k: usize| subjects[k].place_of(&fits[k].local);
+        let light: Vec<([f64; 2], f64)> = singles.iter().map(|&k| (places(k), of_field[k].light())).collect();
+        let mut dependence = dependence.clone();
+        if options.is_field && singles.len() >= FEWEST {
+            let (value, sd) = light_dependence(&light);
+            dependence.coefficients.push(Coefficient { key: LIGHT, value, sd, unit: "1/mm^2" });
+        }
+        if options.is_field && singles.len() >= FEWEST_OF_FOCUS {
+            let (value, sd) = self.scatter(&singles, of_field, &dependence);
+            dependence.coefficients.push(Coefficient { key: SCATTER, value, sd, unit: "um" });
+        }
+        let (field, unresolved) = dependence.field(options.direction);
+        let free = fits.first().map_or(&[][..], |fit| &fit.free);
+        let quantities: Vec<&'static str> = free.iter().map(|q| QUANTITIES[*q].0).collect();
+        let particles = self.particles(fits, is_single, &dependence, of_field);
         let mean_r2 = singles.iter().map(|&k| of_field[k].r2()).sum::<f64>() / singles.len() as f64;
         let chi2 = median(singles.iter().map(|&k| of_frame(of_field[k].chi2(), repeats)).collect());
         let mut warnings = self.warnings(fits.len(), singles.len(), dependence.coefficient("transmission"));
@@ -197,7 +229,7 @@ impl Outcome<'_> {
                 unresolved.join(", ")
             ));
         }
-        let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * subjects[**k].largest_na();
+        let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * subjects[**k].largest_na;
         let bounded = singles.iter().filter(is_bounded).count();
         if bounded > 0 {
             warnings.push(format!(
@@ -209,13 +241,19 @@ impl Outcome<'_> {
         let stage = |f: fn(f64, f64) -> f64, start: f64| {
             frames.stage_um.iter().map(|s| options.direction * (s - dependence.focus_um())).fold(start, f)
         };
+        let (excess_sd, r2_of_signal) = quality(&singles.iter().map(|&k| &of_field[k]).collect::<Vec<_>>());
+        let noise = subjects[0].noise;
         let fitted = FieldFit {
+            particle_diameter_um: of_field[0].local[DIAMETER],
+            excess_sd,
+            r2_of_signal,
+            verdict: verdict(chi2, excess_sd, r2_of_signal),
             field,
             numerical_aperture: dependence.numerical_aperture(),
             blur_um: dependence.blur_um(),
             focus_um: dependence.focus_um(),
             depths_um: [stage(f64::min, f64::INFINITY), stage(f64::max, f64::NEG_INFINITY)],
-            noise: [frames.noise.background2, frames.noise.per_count, frames.noise.per_count2],
+            noise: [noise.background2, noise.per_count, noise.per_count2],
             is_noise_measured: frames.is_noise_measured,
             // The histogram of the scan counts faint light as background.
             background: median(singles.iter().map(|&k| of_field[k].background()).collect()),
@@ -252,8 +290,7 @@ impl Outcome<'_> {
         let mut warnings = self.scan.warnings.clone();
         if !self.frames.is_noise_measured {
             warnings.push(
-                "the scan has no repeated frames: only the noise of the background is known, so bright pixels have too \
-                 much weight, and chi2 and intervals are rough"
+                "the scan has no repeated frames: what neighboring pixels of the residuals do not share is taken as noise"
                     .to_owned(),
             );
         }
@@ -264,7 +301,7 @@ impl Outcome<'_> {
                 particles
             ));
         }
-        if singles < FEWEST {
+        if self.options.is_field && singles < FEWEST {
             let (focus, least) = match singles {
                 FEWEST_OF_FOCUS.. => ("but for tilt and curvature of the focus, ", FEWEST),
                 _ => ("", FEWEST_OF_FOCUS),
@@ -286,6 +323,14 @@ impl Outcome<'_> {
         ));
         warnings
     }
+}
+
+/// Excess of chi2 over 1, in standard deviations of the chi2 of noise, and R2 without noise.
+fn quality(fits: &[&Fit]) -> (f64, f64) {
+    let pixels = fits.iter().map(|fit| fit.pixels()).sum::<usize>() as f64;
+    let chi2 = fits.iter().map(|fit| fit.chi2() * fit.pixels() as f64).sum::<f64>() / pixels.max(1.0);
+    let r2 = fits.iter().map(|fit| fit.r2_of_signal()).sum::<f64>() / fits.len() as f64;
+    (excess_sd(chi2, pixels), r2)
 }
 
 /// A warning if the interval of the transmission at the rim of the pupil less that at its center is outside the

@@ -3,13 +3,13 @@
 use microsig_core::emission::emitted_rays;
 use microsig_core::{Particle, Settings};
 
-use super::{FieldFit, FieldOptions};
+use super::{FieldFit, WaveOptions};
 use crate::output::{Twin, in_fluid, layers, render_line, round};
 
 /// What files are made from.
 pub(super) struct Files<'a> {
     pub(super) fitted: &'a FieldFit,
-    pub(super) options: &'a FieldOptions,
+    pub(super) options: &'a WaveOptions,
     /// Spherical aberration, waves.
     pub(super) spherical: f64,
     /// Transmission at the rim of the pupil less that at its center.
@@ -45,7 +45,8 @@ impl Files<'_> {
             cyl_focal_length: 0.0,
             ..Settings::setting1()
         };
-        let rays = emitted_rays(&settings, &Particle::sphere(0.0, 0.0, 0.0, self.options.diameter_um));
+        let rays =
+            emitted_rays(&settings, &Particle::sphere(0.0, 0.0, 0.0, self.fitted.particle_diameter_um));
         Settings { gain: significant(self.light.0 / rays / self.counts_per_e()), ..settings }
     }
 
@@ -92,8 +93,8 @@ impl Files<'_> {
         let twin = Twin {
             settings: &self.settings(),
             depth_factor: options.given.depth_factor,
-            diameter_um: options.diameter_um,
-            depths_um: in_fluid((*low, *high), Some(model), options.diameter_um),
+            diameter_um: fitted.particle_diameter_um,
+            depths_um: in_fluid((*low, *high), model, fitted.particle_diameter_um),
             px_um: options.given.pixel_size_um / options.given.magnification,
             particles: self.particles,
             brightness_sd: self.light.1 / self.light.0,

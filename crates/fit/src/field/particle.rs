@@ -6,12 +6,36 @@
 
 use rayon::prelude::*;
 
+use super::evenly;
 use super::frames::Frames;
-use super::local::{BLUR, COUNT, FOCUS, Instrument, Local, QUANTITIES, SLOPE, X, Y, bounded};
+use super::local::{
+    ASTIGMATISM, BLUR, COUNT, DIAMETER, FOCUS, Instrument, Local, MERIDIONAL, NA, QUANTITIES, SLOPE,
+    SPHERICAL, X, Y, bounded,
+};
+use crate::noise::Pixel;
 use crate::particles::Window;
 use crate::state::Noise;
 use microsig_core::linear::Symmetric;
 use storage::error::Result;
+
+/// Initial apertures. Larger ones than one that is worse than a smaller one by this factor are not tried.
+const MUCH_WORSE: f64 = 1.3;
+const APERTURES: [f64; 9] = [0.1, 0.15, 0.22, 0.32, 0.45, 0.6, 0.75, 0.87, 0.95];
+pub(super) const LARGEST_NA: f64 = 0.95;
+
+/// Relative difference from which two apertures are different starts.
+const OTHER: f64 = 0.1;
+
+/// Number of planes in which starts are compared, of the best that are improved, of steps to do so, and of those in which two
+/// different ones reach their minima.
+const FEW_PLANES: usize = 9;
+const IMPROVED: usize = 2;
+const STEPS_OF_STARTS: usize = 2;
+const STEPS_OF_TWO: usize = 12;
+/// They show the particle, with at least this part of the brightest peak and this multiple of the faintest, if there are as many.
+const VISIBLE: f64 = 0.05;
+const ABOVE_FAINTEST: f64 = 2.0;
+const FEWEST_PLANES: usize = 5;
 
 /// Errors of images in the first steps and in the last ones, relative to the peak.
 pub(super) const COARSE: f64 = 0.03;
@@ -22,6 +46,8 @@ pub(super) const FINE: f64 = 0.008;
 pub(super) struct Subject<'a> {
     pub(super) instrument: &'a Instrument,
     pub(super) frames: &'a Frames,
+    /// Variance of a count in one frame.
+    pub(super) noise: Noise,
     pub(super) window: Window,
     pub(super) half: usize,
     /// The planes that are used.
@@ -31,6 +57,8 @@ pub(super) struct Subject<'a> {
     pub(super) toward: [f64; 2],
     /// For each plane that is used, the pixels that are; empty: all.
     pub(super) masks: Vec<Vec<bool>>,
+    /// Largest aperture that is tried.
+    pub(super) largest_na: f64,
 }
 
 /// The images of a plane and how well the model agrees.
@@ -46,9 +74,10 @@ pub(super) struct Seen {
     pub(super) pixels: usize,
     /// Square root of the weight of each pixel, 1/counts; 0 for those that are not used.
     pub(super) roots: Vec<f64>,
-    /// Sums of squared residuals and of squared deviations from the mean, counts^2.
+    /// Sums of squared residuals, of squared deviations from the mean, and of variances of the noise, counts^2.
     pub(super) residual2: f64,
     pub(super) spread2: f64,
+    pub(super) noise2: f64,
 }
 
 /// Normal equations at a state.
@@ -79,6 +108,18 @@ impl Fit {
     pub(super) fn r2(&self) -> f64 {
         let sum = |of: fn(&Seen) -> f64| self.seen.iter().map(of).sum::<f64>();
         1.0 - sum(|seen| seen.residual2) / sum(|seen| seen.spread2)
+    }
+
+    /// The same of the variance that is not noise.
+    pub(super) fn r2_of_signal(&self) -> f64 {
+        let sum = |of: fn(&Seen) -> f64| self.seen.iter().map(of).sum::<f64>();
+        let noise2 = sum(|seen| seen.noise2);
+        1.0 - (sum(|seen| seen.residual2) - noise2) / (sum(|seen| seen.spread2) - noise2).max(1e-9)
+    }
+
+    /// Number of pixels that are used.
+    pub(super) fn pixels(&self) -> usize {
+        self.seen.iter().map(|seen| seen.pixels).sum()
     }
 
     /// Mean light and background of the images, counts.
@@ -142,7 +183,7 @@ impl Subject<'_> {
         Data {
             counts: pixels.iter().map(|(at, _)| self.frames.planes[plane][*at]).collect(),
             used: self.masks.get(index).cloned().unwrap_or_else(|| vec![true; pixels.len()]),
-            noise: self.frames.noise,
+            noise: self.noise,
             repeats: self.frames.repeats[plane] as f64,
         }
     }
@@ -299,34 +340,175 @@ impl Subject<'_> {
 
     /// The best values of the quantities `free`, from a start.
     pub(super) fn fit(&self, start: &Local, free: &[usize], tolerance: f64, steps: usize) -> Result<Fit> {
-        let start = bounded(*start, self.largest_na());
+        let start = bounded(*start, self.largest_na);
         let (images, mut differences) = self.model(&start, free, tolerance)?;
         let mut fit = self.normal(&start, &images, &differences, free);
         let mut damping = 1e-3;
-        for _ in 0..steps {
+        for step in 1..=steps {
             let Some((next, images, decrease)) = self.step(&fit, &mut damping, tolerance)? else { break };
+            let is_last = step == steps || decrease * (fit.pixels() as f64) < CONVERGED;
+            let longest = self.longest(&next);
             let is_stale = |&quantity: &usize| {
-                (next[quantity] - differences.at[quantity]).abs() > STALE * LONGEST[quantity]
+                (next[quantity] - differences.at[quantity]).abs() > STALE * longest[quantity]
             };
-            if free.iter().any(is_stale) {
+            if !is_last && free.iter().any(is_stale) {
                 differences = self.differences(&next, &images, free, tolerance)?;
             }
             fit = self.normal(&next, &images, &differences, free);
-            if decrease < CONVERGED {
+            if is_last {
                 break;
             }
         }
         Ok(fit)
     }
 
-    /// The aperture of images that are wider than the window through half of the depth range. No aperture is as
-    /// large, and the images of larger ones take long.
-    pub(super) fn largest_na(&self) -> f64 {
+    /// A start from which a fit converges: the best of several apertures, in focus in the brightest image or, as the widths of
+    /// images tell, where these are narrowest. Only some planes are compared.
+    pub(super) fn best_start(&self) -> Result<Local> {
+        let few = self.of_few_planes();
+        let free: Vec<usize> = [FOCUS, X, Y, NA, BLUR, DIAMETER, ASTIGMATISM, ASTIGMATISM + 1, SPHERICAL]
+            .into_iter()
+            .filter(|quantity| self.instrument.free.contains(quantity))
+            .collect();
+        let narrowest = start(self);
+        let mut tried = vec![few.fit(&narrowest, &[], COARSE, 0)?];
+        let mut least = f64::INFINITY;
+        for na in APERTURES {
+            let mut start = narrowest;
+            start[FOCUS] = self.sharpest().0;
+            start[NA] = na;
+            if free.contains(&DIAMETER) {
+                start[DIAMETER] = self.instrument.resolved_um(na);
+            }
+            let fit = few.fit(&start, &[], COARSE, 0)?;
+            let chi2 = fit.chi2();
+            tried.push(fit);
+            // The images of larger apertures take long.
+            if chi2 > MUCH_WORSE * least {
+                break;
+            }
+            least = chi2.min(least);
+        }
+        let mut improved: Vec<Fit> = best_first(tried)
+            .iter()
+            .take(IMPROVED)
+            .map(|start| few.fit(&start.local, &free, COARSE, STEPS_OF_STARTS))
+            .collect::<Result<_>>()?;
+        improved = best_first(improved);
+        let best = improved.remove(0);
+        // Another aperture that is nearly as good may lead to a better minimum.
+        let is_rival = |fit: &&Fit| {
+            fit.chi2() < MUCH_WORSE * best.chi2() && (fit.local[NA] / best.local[NA] - 1.0).abs() > OTHER
+        };
+        let Some(rival) = improved.iter().find(is_rival) else { return Ok(best.local) };
+        let end = |start: &Fit| few.fit(&start.local, &self.instrument.free, COARSE, STEPS_OF_TWO);
+        Ok(best_first(vec![end(&best)?, end(rival)?]).remove(0).local)
+    }
+
+    /// The same particle in some planes in which it is visible.
+    fn of_few_planes(&self) -> Self {
+        let visible = self.visible();
+        let some: Vec<usize> = evenly(visible.len(), FEW_PLANES).into_iter().map(|i| visible[i]).collect();
+        Subject {
+            planes: some.iter().map(|i| self.planes[*i]).collect(),
+            masks: some.iter().filter_map(|i| self.masks.get(*i).cloned()).collect(),
+            window: self.window.clone(),
+            largest_na: LARGEST_NA,
+            ..*self
+        }
+    }
+
+    /// The planes whose images are far above the noise, or the brightest.
+    fn visible(&self) -> Vec<usize> {
+        let peaks: Vec<f64> = self.peaks().iter().map(|(peak, _)| *peak).collect();
+        let least = peaks.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = peaks.iter().copied().fold(0.0, f64::max);
+        let limit = (VISIBLE * most).max(ABOVE_FAINTEST * least);
+        let visible: Vec<usize> = (0..peaks.len()).filter(|&i| peaks[i] > limit).collect();
+        if visible.len() >= FEWEST_PLANES {
+            return visible;
+        }
+        let mut brightest: Vec<usize> = (0..peaks.len()).collect();
+        brightest.sort_by(|&a, &b| peaks[b].total_cmp(&peaks[a]));
+        brightest.truncate(FEWEST_PLANES);
+        brightest.sort_unstable();
+        brightest
+    }
+
+    /// Stage position of the plane with the brightest square, um, and its place.
+    pub(super) fn sharpest(&self) -> (f64, [f64; 2]) {
+        let of_planes = self.planes.iter().zip(self.peaks());
+        let brightest = of_planes.max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b));
+        brightest.map_or((0.0, [0.0; 2]), |(plane, (_, place))| (self.frames.stage_um[*plane], place))
+    }
+
+    /// Counts above the background of the brightest square of three pixels near the middle, and its place, by plane.
+    fn peaks(&self) -> Vec<(f64, [f64; 2])> {
+        let near = |[dx, dy]: [f64; 2]| dx.abs().max(dy.abs()) < 0.5 * self.half as f64;
+        let edge = 2 * self.half + 1;
+        let peak = |index: usize| {
+            let Data { counts, used, .. } = self.data(index);
+            let square = |at: usize| -> f64 {
+                [at - edge, at, at + edge]
+                    .iter()
+                    .map(|row| counts[row - 1..=row + 1].iter().sum::<f64>())
+                    .sum()
+            };
+            let middle = (0..counts.len()).filter(|at| used[*at] && near(self.window.pixels[*at].1));
+            middle
+                .map(|at| (square(at) - 9.0 * self.frames.background, self.window.pixels[at].1))
+                .fold((0.0, [0.0; 2]), |most, next| if next.0 > most.0 { next } else { most })
+        };
+        (0..self.planes.len()).map(peak).collect()
+    }
+
+    /// Stage positions of the planes, from and to, um.
+    fn range_um(&self) -> [f64; 2] {
         let stage = || self.planes.iter().map(|plane| self.frames.stage_um[*plane]);
-        let (low, high) = (stage().fold(f64::INFINITY, f64::min), stage().fold(f64::NEG_INFINITY, f64::max));
+        [stage().fold(f64::INFINITY, f64::min), stage().fold(f64::NEG_INFINITY, f64::max)]
+    }
+
+    /// Largest changes of the quantities in a step.
+    fn longest(&self, local: &Local) -> Local {
+        let [low, high] = self.range_um();
+        let mut longest = LONGEST;
+        longest[FOCUS] = LONGEST[FOCUS].min(0.2 * (high - low));
+        longest[DIAMETER] = 0.3 * local[DIAMETER];
+        longest
+    }
+
+    /// The aperture of images that are wider than the window through half of the depth range. Unless images show a larger one
+    /// near focus, none is, and the images of larger ones take long.
+    pub(super) fn window_na(&self) -> f64 {
+        let [low, high] = self.range_um();
         let reach_um = 1.5 * self.half as f64 / self.instrument.px_per_um();
         let tangent = reach_um / (0.5 * (high - low)).max(1e-3);
-        (tangent / libm::sqrt(1.0 + tangent * tangent)).clamp(0.1, 0.95)
+        (tangent / libm::sqrt(1.0 + tangent * tangent)).clamp(0.1, LARGEST_NA)
+    }
+
+    /// The pixels of a fit, to tell the noise of one frame from errors of the model.
+    pub(super) fn residuals(&self, fit: &Fit) -> Vec<Pixel> {
+        let of_plane = |(index, seen): (usize, &Seen)| {
+            let data = self.data(index);
+            let residual =
+                |at: usize| (data.used[at] && seen.roots[at] > 0.0).then(|| data.counts[at] - seen.model[at]);
+            let mut products = vec![(0.0, 0.0); data.counts.len()];
+            for &(a, b) in &self.window.neighbors {
+                if let (Some(first), Some(second)) = (residual(a), residual(b)) {
+                    for at in [a, b] {
+                        products[at].0 += first * second;
+                        products[at].1 += 1.0;
+                    }
+                }
+            }
+            let pixel = |(at, (sum, n)): (usize, (f64, f64))| {
+                let residual = residual(at)?;
+                let light = (seen.model[at] - seen.background).max(0.0);
+                Some(Pixel { light, square: residual * residual, shared: sum / f64::max(n, 1.0) })
+            };
+            products.into_iter().enumerate().filter_map(pixel).collect::<Vec<_>>()
+        };
+        fit.seen.iter().enumerate().flat_map(of_plane).collect()
     }
 
     /// A step that reduces the misfit, its images, and by which part it does; `None` if there is none. The weights are those before the step:
@@ -337,11 +519,11 @@ impl Subject<'_> {
             let mut damped = fit.quadratic.matrix.clone();
             (0..damped.n()).for_each(|i| damped.add(i, i, *damping * damped.at(i, i) + 1e-9));
             if let Some(step) = damped.solve(&fit.quadratic.right) {
-                let mut next = fit.local;
+                let (mut next, longest) = (fit.local, self.longest(&fit.local));
                 for (&quantity, by) in fit.free.iter().zip(&step) {
-                    next[quantity] += by.clamp(-LONGEST[quantity], LONGEST[quantity]);
+                    next[quantity] += by.clamp(-longest[quantity], longest[quantity]);
                 }
-                let next = bounded(next, self.largest_na());
+                let next = bounded(next, self.largest_na);
                 let images = self.images(&next, tolerance)?;
                 let after = self.misfit(&images, fit);
                 if after < before {
@@ -355,11 +537,17 @@ impl Subject<'_> {
     }
 }
 
-/// Relative decrease of the misfit in a step at which a fit ends.
-const CONVERGED: f64 = 2e-3;
+/// Decrease of the misfit in a step at which a fit ends, if the misfit per pixel is 1. Where quantities nearly compensate each
+/// other, as aperture and transmission do, a decrease by one is a step of one standard deviation.
+const CONVERGED: f64 = 0.1;
 
-/// Largest change of each quantity in a step.
-const LONGEST: Local = [6.0, 1.5, 1.5, 0.05, 0.05, 0.06, 0.1, 0.06, 0.06, 0.06, 0.06, 0.06, 0.4, 0.3];
+/// Largest change of each quantity in a step; see [`Subject::longest`].
+const LONGEST: Local = [6.0, 1.5, 1.5, 0.05, 0.05, 0.06, 0.1, 0.06, 0.06, 0.06, 0.06, 0.06, 0.4, 0.3, 0.4];
+
+fn best_first(mut fits: Vec<Fit>) -> Vec<Fit> {
+    fits.sort_by(|a, b| a.chi2().total_cmp(&b.chi2()));
+    fits
+}
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
@@ -401,7 +589,7 @@ fn see(data: &Data, shape: &[f64]) -> Seen {
     let used = || data.counts.iter().zip(&data.used).filter(|(_, used)| **used);
     let pixels = used().count();
     let mean = used().map(|(count, _)| count).sum::<f64>() / pixels.max(1) as f64;
-    let (mut chi2, mut residual2, mut spread2) = (0.0, 0.0, 0.0);
+    let (mut chi2, mut residual2, mut spread2, mut noise2) = (0.0, 0.0, 0.0, 0.0);
     for ((count, model), root) in data.counts.iter().zip(&model).zip(&roots) {
         if *root == 0.0 {
             continue;
@@ -410,14 +598,15 @@ fn see(data: &Data, shape: &[f64]) -> Seen {
         chi2 += residual * residual * root * root;
         residual2 += residual * residual;
         spread2 += (count - mean) * (count - mean);
+        noise2 += 1.0 / (root * root);
     }
-    Seen { light, background, model, chi2, pixels, roots, residual2, spread2 }
+    Seen { light, background, model, chi2, pixels, roots, residual2, spread2, noise2 }
 }
 
 /// A start from the images themselves: focus where they are narrowest, the aperture from how fast they grow.
 pub(super) fn start(subject: &Subject<'_>) -> Local {
     let Subject { instrument, frames, window, .. } = subject;
-    let moments: Vec<(f64, f64, [f64; 2])> = subject
+    let moments: Vec<(f64, f64)> = subject
         .planes
         .iter()
         .enumerate()
@@ -438,14 +627,14 @@ pub(super) fn start(subject: &Subject<'_>) -> Local {
             }
             let sum = f64::max(sum, 1e-9);
             let mean = mean.map(|m| m / sum);
-            (frames.stage_um[plane], square / sum - mean[0] * mean[0] - mean[1] * mean[1], mean)
+            (frames.stage_um[plane], square / sum - mean[0] * mean[0] - mean[1] * mean[1])
         })
         .collect();
     // r^2 = r0^2 + (s - focus)^2 tan^2 / 2, by least squares in 1, s and s^2.
     let mut system = Symmetric::zeros(3);
     let mut right = vec![0.0; 3];
     let middle = moments.iter().map(|m| m.0).sum::<f64>() / moments.len() as f64;
-    for (stage, r2, _) in &moments {
+    for (stage, r2) in &moments {
         let powers = [1.0, stage - middle, (stage - middle) * (stage - middle)];
         for i in 0..3 {
             right[i] += r2 * powers[i];
@@ -457,16 +646,17 @@ pub(super) fn start(subject: &Subject<'_>) -> Local {
     let tangent = libm::sqrt(2.0 * c) / instrument.px_per_um();
     let (least, most) = (moments[0].0, moments[moments.len() - 1].0);
     let narrowest = (middle - 0.5 * b / c).clamp(least.min(most), least.max(most));
-    let nearest = moments
-        .iter()
-        .min_by(|a, b| (a.0 - narrowest).abs().total_cmp(&(b.0 - narrowest).abs()))
-        .map_or([0.0; 2], |m| m.2);
     let mut local = [0.0; COUNT];
     local[FOCUS] = narrowest;
-    local[X] = nearest[0];
-    local[Y] = nearest[1];
-    local[super::local::NA] = (tangent / libm::sqrt(1.0 + tangent * tangent)).clamp(0.05, 0.9);
-    local[super::local::MERIDIONAL] = 1.0;
-    local[BLUR] = 0.4 / instrument.px_per_um();
+    [local[X], local[Y]] = subject.sharpest().1;
+    local[NA] = (tangent / libm::sqrt(1.0 + tangent * tangent)).clamp(0.05, 0.9);
+    local[MERIDIONAL] = 1.0;
+    match instrument.diameter_um {
+        Some(diameter_um) => {
+            local[DIAMETER] = diameter_um;
+            local[BLUR] = 0.4 / instrument.px_per_um();
+        }
+        None => local[DIAMETER] = instrument.resolved_um(local[NA]),
+    }
     local
 }

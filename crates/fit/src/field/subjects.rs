@@ -11,13 +11,10 @@ use crate::particles::{self, Candidate, Window};
 use crate::scan::Scan;
 use storage::error::{Error, Result};
 
-/// Largest number of particles.
-const MOST: usize = 40;
-
 /// Number of planes that are used.
 const PLANES: usize = 17;
 
-/// The particles that are fitted, chosen from the first candidates nearest to the center, and the number of those that
+/// At most so many particles to fit, chosen from the first candidates nearest to the center, and the number of those that
 /// could be.
 pub(super) fn of<'a>(
     scan: &Scan,
@@ -25,6 +22,7 @@ pub(super) fn of<'a>(
     instrument: &'a Instrument,
     (candidates, fitted): (&[Candidate], usize),
     half: usize,
+    most: usize,
 ) -> Result<(Vec<Subject<'a>>, usize)> {
     let settings = Settings {
         pixel_dim_x: scan.width as u32,
@@ -37,12 +35,14 @@ pub(super) fn of<'a>(
         Subject {
             instrument,
             frames,
+            noise: frames.noise,
             window,
             half,
             planes: evenly(frames.planes.len(), PLANES),
             place_mm: [x, y],
             toward: if r > 0.0 { [x / r, y / r] } else { [1.0, 0.0] },
             masks: Vec::new(),
+            largest_na: 0.0,
         }
     };
     let (windows, [cut, saturated]) = windows(scan, &candidates[..fitted], half);
@@ -51,6 +51,7 @@ pub(super) fn of<'a>(
     for subject in &mut all {
         let masks = subject.planes.iter().map(|plane| mask(subject, candidates, *plane, &rough));
         subject.masks = masks.collect();
+        subject.largest_na = subject.window_na();
     }
     let uncut = all.len();
     all.retain(Subject::is_clear);
@@ -66,7 +67,7 @@ pub(super) fn of<'a>(
     let radius = |subject: &Subject| distance(subject.place_mm, [0.0; 2]);
     all.sort_by(|a, b| radius(a).total_cmp(&radius(b)));
     let found = all.len();
-    let kept = spread_out(&all.iter().map(|subject| subject.place_mm).collect::<Vec<_>>(), MOST);
+    let kept = spread_out(&all.iter().map(|subject| subject.place_mm).collect::<Vec<_>>(), most);
     let mut number = 0..;
     all.retain(|_| number.next().is_some_and(|k| kept.binary_search(&k).is_ok()));
     Ok((all, found))

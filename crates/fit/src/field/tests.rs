@@ -15,21 +15,25 @@ use super::*;
 const HALF: usize = 8;
 const PITCH: usize = 49;
 
+/// Diameter of the particles, um.
+const DIAMETER_UM: f64 = 1.0;
+
 /// Dark counts, background light and read noise, counts.
 const OFFSET: f64 = 80.0;
 const GLOW: f64 = 20.0;
 const READ_NOISE: f64 = 2.0;
 
-fn options(places_px: Vec<[f64; 2]>) -> FieldOptions {
+fn options(places_px: Vec<[f64; 2]>) -> WaveOptions {
     let given =
         Given { magnification: 10.0, pixel_size_um: 16.0, ri_medium: 1.0, ri_lens: 1.5, depth_factor: 1.0 };
-    let (emission, lens) = (Emission::Volume, Lens::Aplanatic);
-    let waves = WaveModel { wavelength_um: 0.56, emission, lens, layers: None };
-    FieldOptions {
+    let emission = Emission::Volume;
+    let waves = WaveModel { wavelength_um: 0.56, emission, layers: None };
+    WaveOptions {
         given,
-        diameter_um: 1.0,
+        diameter_um: Some(DIAMETER_UM),
         direction: 1.0,
         waves,
+        is_field: true,
         half_window: Some(HALF),
         places_px,
         all_px: Vec::new(),
@@ -129,7 +133,7 @@ impl Images {
         let stage_um: Vec<f64> = (0..7).map(|i| 5.0 * f64::from(i) - 14.0).collect();
         let place = |i: usize| [25.3 + (PITCH * (i % across)) as f64, 24.8 + (PITCH * (i / across)) as f64];
         let places_px: Vec<[f64; 2]> = (0..across * across).map(place).collect();
-        let FieldOptions { given, diameter_um, waves, .. } = options(Vec::new());
+        let WaveOptions { given, waves, .. } = options(Vec::new());
         let settings = Settings {
             magnification: given.magnification,
             numerical_aperture: truth.numerical_aperture,
@@ -145,7 +149,7 @@ impl Images {
         };
         let optics = WaveOptics {
             emission: waves.emission,
-            lens: waves.lens,
+            lens: Lens::Aplanatic,
             pupil,
             blur_um: truth.blur_um,
             ..WaveOptics::new(waves.wavelength_um)
@@ -157,9 +161,9 @@ impl Images {
                 * normal(&mut Streams::new(1).stream(Purpose::FocusScatter, 0, number as u32));
             let local = truth.field.at(FieldOptics::place(&settings, *x, *y));
             let images =
-                renderer.single_images_at(&local, [-30.0, 30.0], diameter_um, [reach as usize + 3; 2]);
+                renderer.single_images_at(&local, [-30.0, 30.0], DIAMETER_UM, [reach as usize + 3; 2]);
             let plane = |stage: &f64| {
-                let particle = Particle::sphere(*x, *y, stage - truth.focus_um + scatter_um, diameter_um);
+                let particle = Particle::sphere(*x, *y, stage - truth.focus_um + scatter_um, DIAMETER_UM);
                 let seen = truth.field.apparent(&settings, &particle);
                 let (column, row) = (x.round() as i64, y.round() as i64);
                 let pixels: Vec<[i64; 2]> = (row - reach..=row + reach)
@@ -211,7 +215,7 @@ impl Images {
 
     fn fit(&self, light: f64, seed: u64) -> FieldFit {
         let scan = self.scan(light, seed);
-        fit_field(&scan, &options(self.places_px.clone()), &|_| ()).unwrap().fitted
+        fit_waves(&scan, &options(self.places_px.clone()), &|_| ()).unwrap().fitted
     }
 }
 
@@ -235,24 +239,24 @@ fn shot_noise_moves_no_quantity() {
     let options = options(images.places_px.clone());
     let instrument = instrument(&options);
     let mut local = [0.0; local::COUNT];
-    (local[FOCUS], local[NA], local[MERIDIONAL], local[BLUR]) =
-        (truth.focus_um, truth.numerical_aperture, 1.0, truth.blur_um);
+    (local[FOCUS], local[NA], local[MERIDIONAL], local[BLUR], local[DIAMETER]) =
+        (truth.focus_um, truth.numerical_aperture, 1.0, truth.blur_um, DIAMETER_UM);
     for (axis, at) in images.places_px[0].iter().enumerate() {
         local[X + axis] = at - at.round();
     }
     // The derivatives do not depend on the recording.
     let mut model = None;
-    let mut errors = [0.0; FREE.len()];
+    let mut errors = vec![0.0; free(&options).len()];
     let mut background = 0.0;
     for recording in 0..RECORDINGS {
         let scan = images.scan(4e4, u64::from(recording));
         let frames = Frames::of(&scan);
         let candidates = particles::given(&scan, &options.places_px).unwrap();
         let (subjects, _) =
-            subjects::of(&scan, &frames, &instrument, (&candidates, candidates.len()), HALF).unwrap();
+            subjects::of(&scan, &frames, &instrument, (&candidates, candidates.len()), HALF, 1).unwrap();
         let (at, differences) =
-            model.get_or_insert_with(|| subjects[0].model(&local, &FREE, 0.1 * FINE).unwrap());
-        let fit = subjects[0].normal(&local, at, differences, &FREE);
+            model.get_or_insert_with(|| subjects[0].model(&local, &free(&options), 0.1 * FINE).unwrap());
+        let fit = subjects[0].normal(&local, at, differences, &free(&options));
         let covariance = fit.quadratic.matrix.inverse().unwrap();
         for (i, by) in covariance.times(&fit.quadratic.right).iter().enumerate() {
             errors[i] += by / libm::sqrt(covariance.at(i, i));
@@ -261,7 +265,7 @@ fn shot_noise_moves_no_quantity() {
     }
     let off = background / f64::from(RECORDINGS) - OFFSET - GLOW;
     assert!(off.abs() < 0.05, "background off by {off} counts");
-    for (quantity, error) in FREE.iter().zip(errors) {
+    for (quantity, error) in free(&options).iter().zip(errors) {
         // Four standard errors of the mean.
         let mean = error / f64::from(RECORDINGS);
         assert!(
@@ -284,6 +288,7 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
         },
         numerical_aperture: 0.441,
         blur_um: 0.86,
+        particle_diameter_um: DIAMETER_UM,
         focus_um: -1.5,
         depths_um: [-38.5, 41.5],
         noise: [14.8, 0.09, 0.0],
@@ -293,6 +298,9 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
         particles: Vec::new(),
         r2_of_field: 0.99,
         chi2_of_field: 1.4,
+        excess_sd: 50.0,
+        r2_of_signal: 0.99,
+        verdict: crate::Verdict::Good,
         warnings: Vec::new(),
     };
     let files = output::Files {
@@ -314,7 +322,7 @@ fn the_twin_is_a_scenario_with_the_optics_of_the_field() {
     assert_eq!((optics.field, optics.blur_um), (Some(fitted.field), Some(0.86)), "{text}");
     assert_eq!(twin.settings.numerical_aperture, 0.441);
     // 200,000 counts of light for a particle: photons times counts per electron.
-    let particle = Particle::sphere(0.0, 0.0, 0.0, options.diameter_um);
+    let particle = Particle::sphere(0.0, 0.0, 0.0, DIAMETER_UM);
     let counts = emitted_rays(&twin.settings, &particle) * twin.settings.gain * 0.09;
     assert!((counts / 2e5 - 1.0).abs() < 1e-3, "{counts}");
 }
@@ -329,6 +337,78 @@ fn the_optics_of_few_particles_are_taken_as_constant() {
         assert!(error.abs() < 4.0, "{key}: {error} standard deviations");
     }
     assert!(made.warnings.iter().any(|text| text.contains("taken as the same over the field")));
+}
+
+/// One scan of a bead near focus without repeated frames, of unknown diameter: widths of images tell no aperture, and the noise
+/// follows from the residuals.
+#[test]
+fn aperture_aberrations_diameter_and_noise_of_a_small_bead_are_found() {
+    let given =
+        Given { magnification: 1.0, pixel_size_um: 0.1, ri_medium: 1.0, ri_lens: 1.5, depth_factor: 1.0 };
+    let waves = WaveModel { wavelength_um: 0.52, emission: Emission::Surface, layers: None };
+    let options = WaveOptions {
+        given,
+        diameter_um: None,
+        waves,
+        is_field: false,
+        half_window: Some(10),
+        ..options(vec![[13.0, 13.0]])
+    };
+    let mut truth = [0.0; local::COUNT];
+    for (quantity, value) in [
+        (FOCUS, 0.1),
+        (X, 0.2),
+        (Y, -0.1),
+        (NA, 0.8),
+        (MERIDIONAL, 1.0),
+        (COMA, -0.05),
+        (ASTIGMATISM, 0.12),
+        (SPHERICAL, 0.06),
+        (DIAMETER, 0.4),
+    ] {
+        truth[quantity] = value;
+    }
+    let (edge, light) = (25, 2e5);
+    let images = instrument(&options).images(&truth, [1.0, 0.0], [-2.0, 2.0], 12, 0.1 * FINE).unwrap();
+    let stage_um: Vec<f64> = (0..9).map(|i| 0.3 * (f64::from(i) - 4.0)).collect();
+    let mut stream = Streams::new(1).stream(Purpose::Intensity, 0, 0);
+    let places: Vec<[f64; 2]> = (0..edge * edge)
+        .map(|i| [(i % edge) as f64 - 12.0 - truth[X], (i / edge) as f64 - 12.0 - truth[Y]])
+        .collect();
+    let mut plane = |stage: &f64| -> Vec<u16> {
+        let shares = images.shares(stage - truth[FOCUS], &places);
+        let mut count = |share: f64| {
+            OFFSET + poisson(&mut stream, light * share) as f64 + READ_NOISE * normal(&mut stream)
+        };
+        shares.into_iter().map(|share| count(share).round() as u16).collect()
+    };
+    let scan = Scan {
+        width: edge,
+        height: edge,
+        planes: stage_um.iter().map(&mut plane).collect(),
+        stage_um,
+        full_scale: u16::MAX,
+        warnings: Vec::new(),
+    };
+    let made = fit_waves(&scan, &options, &|_| ()).unwrap().fitted;
+    for (key, quantity) in [
+        ("numerical_aperture", NA),
+        ("coma.constant.0", COMA),
+        ("coma.constant.1", COMA + 1),
+        ("astigmatism.constant.0", ASTIGMATISM),
+        ("astigmatism.constant.1", ASTIGMATISM + 1),
+        ("spherical", SPHERICAL),
+        ("particle_diameter_um", DIAMETER),
+        ("transmission", TRANSMISSION),
+        ("focus_um", FOCUS),
+    ] {
+        let found = made.coefficients.iter().find(|c| c.key == key).unwrap();
+        // One of nine is beyond four standard deviations with a probability of 0.06 %.
+        assert!((found.value - truth[quantity]).abs() < 4.0 * found.sd, "{found:?}, not {}", truth[quantity]);
+    }
+    assert_eq!(made.verdict, crate::Verdict::NoiseLimited, "{}", made.sentence());
+    // Few pixels show the background alone.
+    assert!((made.noise[1] - 1.0).abs() < 0.1 && (made.noise[0] - 4.1).abs() < 2.0, "{:?}", made.noise);
 }
 
 #[test]
@@ -373,8 +453,8 @@ fn the_light_of_particles_that_are_not_fitted_is_masked() {
     scan.planes = scan.planes.iter().map(shifted).collect();
     let [x, y] = images.places_px[0];
     let chi2 = |all_px: Vec<[f64; 2]>| {
-        let options = FieldOptions { all_px, ..options(vec![[x, y]]) };
-        let made = fit_field(&scan, &options, &|_| ()).unwrap();
+        let options = WaveOptions { all_px, ..options(vec![[x, y]]) };
+        let made = fit_waves(&scan, &options, &|_| ()).unwrap();
         (made.fitted.particles.len(), made.fitted.chi2_of_field)
     };
     let (particles, masked) = chi2(vec![[x + 1.0, y], [x + 11.0, y]]);
