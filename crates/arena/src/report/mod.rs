@@ -37,6 +37,7 @@ pub use leaderboard::Entry;
 pub(crate) use page::document;
 pub(crate) use plots::is_logarithmic;
 pub(crate) use plots::{AxisLabels, Series, lines, lines_over_log, log_lines};
+pub use plots::{MOST_LINES, log_ticks, markers, sign};
 pub use score_file::{parse as parse_score, parse_units};
 pub use table::{summary, table};
 pub use twin_page::{OnBoth, TrackerScores, TwinAbout, TwinScore, twin_page};

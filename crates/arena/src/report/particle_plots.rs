@@ -254,13 +254,13 @@ fn frames(of: &Particles) -> Result<Vec<Markup>> {
         let ghosts =
             of_frame(r).filter(|&j| of.matching.truth_for[j] == NONE).map(|j| place(&r.points[j])).collect();
         let [hits, misses, extra] = frame.counts;
-        let caption = format!("{why} ({}).", frame.frame);
-        let names =
-            [hits, misses, extra].into_iter().zip(["found (rings)", "missed (dots)", "ghosts (crosses)"]);
-        let names: Vec<String> = names.map(|(n, what)| format!("{n} {what}")).collect();
+        let caption = format!(
+            "{why} ({}): {hits} found (rings), {misses} missed (dots), {extra} ghosts (crosses).",
+            frame.frame
+        );
         let labels = AxisLabels { x: "x, px", y: "y, px", title: why };
         let svg = sensor(&labels, size_px(of), &Marks::Places { found, missed, ghosts })?;
-        plots.push(figure_of(svg, &names.iter().map(String::as_str).collect::<Vec<_>>(), &caption));
+        plots.push(figure(svg, &caption));
     }
     Ok(plots)
 }

@@ -86,15 +86,15 @@ pub(crate) struct AxisLabels<'a> {
 
 /// Width and height of a plot, in the units of its font.
 const SIZE: (u32, u32) = (560, 360);
-/// Font size of tick labels; pages scale plots by 0.8 to 1.2.
-const TICKS: i32 = 15;
+/// Font size of tick labels; pages scale plots by 0.8 to 1.2, a column of 85 mm by 0.6 (7.7 points).
+const TICKS: i32 = 18;
 /// Font size of axis labels.
-const NAMES: i32 = 16;
+const NAMES: i32 = 19;
 /// Opacity of individual values behind their mean.
 const FAINT: f64 = 0.35;
 /// Space for tick and axis labels.
-const BELOW: u32 = 50;
-const LEFT: u32 = 84;
+const BELOW: u32 = 58;
+const LEFT: u32 = 98;
 
 fn failed(e: impl std::fmt::Display) -> Error {
     Error::input(format!("plot: {e}"))
@@ -140,7 +140,13 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
     if from_zero {
         low = low.min(0.0);
     }
-    let margin = if high > low { 0.05 * (high - low) } else { 0.5 * high.abs().max(1e-6) };
+    let margin = if high > low {
+        0.05 * (high - low)
+    } else if high == 0.0 {
+        1.0
+    } else {
+        0.5 * high.abs()
+    };
     high += margin;
     if !(from_zero && low == 0.0) {
         low -= margin;
@@ -176,7 +182,7 @@ macro_rules! draw_all {
             let color = SERIES[i % SERIES.len()];
             let whole = |p: &(f64, f64)| p.0.is_finite() && p.1.is_finite();
             let faint = color.mix(FAINT).filled();
-            let singles = series.singles.iter().filter(|p| whole(p)).map(|p| Circle::new(*p, 2, faint));
+            let singles = series.singles.iter().filter(|p| whole(p)).map(|p| Circle::new(*p, 3, faint));
             $chart.draw_series(singles).map_err(failed)?;
             let bars = series.points.iter().zip(&series.bars).filter(|(p, b)| whole(p) && whole(b));
             for ((x, _), (low, high)) in bars {
@@ -194,29 +200,40 @@ macro_rules! draw_all {
                 Style::Dots => 1,
                 Style::Line => continue,
             };
-            let dots = series.points.iter().filter(|p| whole(p));
-            // Markers distinguish series in gray, too.
-            let (fill, stroke) = (color.filled(), color.stroke_width(2));
-            match i % MOST_LINES {
-                0 => $chart.draw_series(dots.map(|p| Circle::new(*p, size, fill))),
-                1 => $chart.draw_series(dots.map(|p| TriangleMarker::new(*p, size + 2, fill))),
-                2 => $chart.draw_series(
-                    dots.map(|p| EmptyElement::at(*p) + Rectangle::new([(-size, -size), (size, size)], fill)),
-                ),
-                3 => $chart.draw_series(dots.map(|p| Cross::new(*p, size, stroke))),
-                4 => $chart.draw_series(dots.map(|p| Circle::new(*p, size + 1, stroke))),
-                _ => $chart.draw_series(dots.map(|p| TriangleMarker::new(*p, size + 3, stroke))),
-            }
-            .map_err(failed)?;
+            markers(&mut $chart, i, color, size, series.points.iter().copied().filter(|p| whole(p)))?;
         }
     };
 }
 
-/// Lines whose colors and markers differ.
-pub(super) const MOST_LINES: usize = SERIES.len();
+/// Draws the marker of a series, which distinguishes it in gray, too, at points.
+pub fn markers<X: Ranged<ValueType = f64>, Y: Ranged<ValueType = f64>>(
+    chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<X, Y>>,
+    series: usize,
+    color: RGBColor,
+    half: i32,
+    points: impl Iterator<Item = (f64, f64)>,
+) -> Result<()> {
+    let (fill, stroke) = (color.filled(), color.stroke_width(2));
+    match series % MOST_LINES {
+        0 => chart.draw_series(points.map(|p| Circle::new(p, half, fill))),
+        1 => chart.draw_series(points.map(|p| TriangleMarker::new(p, half + 2, fill))),
+        2 => {
+            let square = |p| EmptyElement::at(p) + Rectangle::new([(-half, -half), (half, half)], fill);
+            chart.draw_series(points.map(square))
+        }
+        3 => chart.draw_series(points.map(|p| Cross::new(p, half, stroke))),
+        4 => chart.draw_series(points.map(|p| Circle::new(p, half + 1, stroke))),
+        _ => chart.draw_series(points.map(|p| TriangleMarker::new(p, half + 3, stroke))),
+    }
+    .map_err(failed)?;
+    Ok(())
+}
 
-/// Marker of a series in a legend, as drawn by [`lines`].
-pub(super) fn sign(series: usize) -> char {
+/// Lines whose colors and markers differ.
+pub const MOST_LINES: usize = SERIES.len();
+
+/// Marker of a series in a legend.
+pub fn sign(series: usize) -> char {
     ['\u{25cf}', '\u{25b2}', '\u{25a0}', '\u{2715}', '\u{25cb}', '\u{25b3}'][series % MOST_LINES]
 }
 
@@ -251,7 +268,7 @@ pub(super) fn panels(
     };
     let below =
         BELOW + TICKS as u32 * (wrapped.iter().map(Vec::len).max().unwrap_or(1) as u32).saturating_sub(1);
-    let high_px = if panels.len() > 1 { 250 } else { SIZE.1 } + below - BELOW;
+    let high_px = if panels.len() > 1 { 270 } else { SIZE.1 } + below - BELOW;
     draw(labels.title, (SIZE.0, high_px * panels.len() as u32), |area| {
         for (part, (title, series)) in area.split_evenly((panels.len(), 1)).iter().zip(panels) {
             let mut builder = chart_on(part);
@@ -549,7 +566,7 @@ const MULTIPLES: [&[f64]; 4] = [
 ];
 
 /// Ticks of a logarithmic axis: as many as fit, or some of the powers of ten.
-fn log_ticks(low: f64, high: f64) -> Vec<f64> {
+pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     let every = decades.clone().count().div_ceil(ACROSS);
     let ticks = |multiples: &[f64], every: usize| -> Vec<f64> {

@@ -65,8 +65,13 @@ pub(super) fn axis_plots(scores: &[(Entry, Score)], px_per_um_s: Option<f64>) ->
 
 /// The quantities in the order of their figures: errors of displacements begin with the bias along `component`.
 fn quantities(component: Option<usize>) -> Vec<Quantity> {
-    let of_scores = SCORES.iter().enumerate().filter(|(_, def)| def.is_headline).map(|(index, def)| {
-        Quantity { title: def.title(), bars: None, of: Box::new(move |s| s.0.score(index)) }
+    // The bias along `component` is drawn with the random error.
+    let is_other = move |name: &str| component != Some(0) || name != "bias_u_px";
+    let of_scores = SCORES.iter().enumerate().filter(move |(_, def)| def.is_headline && is_other(def.name));
+    let of_scores = of_scores.map(|(index, def)| Quantity {
+        title: def.title(),
+        bars: None,
+        of: Box::new(move |s| s.0.score(index)),
     });
     type Plain = fn(&Score) -> Option<f64>;
     let plain = |title: &str, of: Plain| Quantity {
@@ -220,78 +225,81 @@ struct Layout<'a> {
     panels: Vec<(String, Vec<Line<'a>>)>,
 }
 
+impl<'a> Layout<'a> {
+    /// The panels with the series of each line.
+    fn drawn(&self, series: impl Fn(&str, &Line<'a>) -> Series) -> Vec<(String, Vec<Series>)> {
+        let of_panel = |(title, lines): &(String, Vec<Line<'a>>)| {
+            (title.clone(), self.lines.iter().zip(lines).map(|(name, line)| series(name, line)).collect())
+        };
+        self.panels.iter().map(of_panel).collect()
+    }
+}
+
 impl<'a> Sweep<'a> {
-    /// `key = value` of a score.
+    /// Name and value of a parameter of a score.
     fn text(&self, key: &str, s: Scored<'_>) -> String {
-        let value = s.0.axes.get(key).unwrap_or(&Value::Null);
-        format!("{} = {}", short_key(key, self.keys).replace('_', " "), axis_text(value))
+        let value = axis_text(s.0.axes.get(key).unwrap_or(&Value::Null));
+        let named = words(key);
+        if self.keys.iter().any(|other| *other != key && words(other) == named) {
+            return format!("{} = {value}", short_key(key, self.keys).replace('_', " "));
+        }
+        match named.split_once(", ") {
+            Some((name, unit)) if value.parse::<f64>().is_ok() => format!("{name} = {value} {unit}"),
+            _ => format!("{named} = {value}"),
+        }
     }
 
     fn layouts(&self, has: impl Fn(Scored<'_>) -> bool) -> Vec<Layout<'a>> {
-        let order = |keys: &[&str], s: Scored<'a>| {
-            let of = |key: &&str| order_of_axes(s.0.axes.get_key_value(*key).into_iter());
-            keys.iter().map(of).collect::<Vec<_>>()
-        };
         let drawn: Vec<Scored<'a>> = self.all.iter().copied().filter(|s| has(s)).collect();
         let (line_keys, panel_keys) = self.others.split_at(self.others.len().min(1));
-        let count = |by_tracker: bool| {
-            let name = |s: Scored<'a>| {
-                let own = line_keys.iter().map(|key| self.text(key, s)).collect::<String>();
-                (by_tracker.then_some(s.0.tracker.as_str()), own)
+        let name = |keys: &[&str], has_tracker: bool, s: Scored<'a>| {
+            let own = keys.iter().map(|key| self.text(key, s));
+            let tracker = has_tracker.then(|| s.0.tracker.clone());
+            tracker.into_iter().chain(own).collect::<Vec<_>>().join(", ")
+        };
+        // In the order of trackers, then of values.
+        let names = |keys: &[&str], has_tracker: bool| {
+            let order = |s: Scored<'a>| {
+                let of = |key: &&str| order_of_axes(s.0.axes.get_key_value(*key).into_iter());
+                (s.0.tracker.as_str(), keys.iter().map(of).collect::<Vec<_>>())
             };
-            drawn.iter().copied().map(name).collect::<BTreeSet<_>>().len()
+            let mut sorted = drawn.clone();
+            sorted.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
+            let mut names: Vec<String> = Vec::new();
+            for name in sorted.into_iter().map(|s| name(keys, has_tracker, s)) {
+                if !names.contains(&name) {
+                    names.push(name);
+                }
+            }
+            names
         };
         // Too many lines: a panel for each tracker.
-        let are_split = count(true) > MOST_LINES;
-        let mut sorted = drawn.clone();
-        sorted.sort_by(|a, b| {
-            let of = |s: Scored<'a>| (s.0.tracker.as_str(), order(line_keys, s));
-            of(a).partial_cmp(&of(b)).unwrap_or(std::cmp::Ordering::Equal)
-        });
-        let line_of = |s: Scored<'a>| {
-            let own = line_keys.iter().map(|key| self.text(key, s));
-            let tracker = Some(s.0.tracker.clone()).filter(|_| !are_split || line_keys.is_empty());
-            tracker.into_iter().chain(own).collect::<Vec<_>>().join(", ")
-        };
-        let panel_of = |s: Scored<'a>| {
-            let own = panel_keys.iter().map(|key| self.text(key, s));
-            let tracker = Some(s.0.tracker.clone()).filter(|_| are_split && !line_keys.is_empty());
-            tracker.into_iter().chain(own).collect::<Vec<_>>().join(", ")
-        };
-        let mut lines: Vec<String> = Vec::new();
-        sorted.iter().copied().map(line_of).for_each(|line| {
-            if !lines.contains(&line) {
-                lines.push(line);
-            }
-        });
-        sorted.sort_by(|a, b| {
-            let of = |s: Scored<'a>| (s.0.tracker.as_str(), order(panel_keys, s));
-            of(a).partial_cmp(&of(b)).unwrap_or(std::cmp::Ordering::Equal)
-        });
-        let mut titles: Vec<String> = Vec::new();
-        sorted.iter().copied().map(panel_of).for_each(|title| {
-            if !titles.contains(&title) {
-                titles.push(title);
-            }
-        });
-        let line = |title: &str, name: &str| -> Line<'a> {
-            let own = drawn.iter().copied().filter(|s| panel_of(*s) == title && line_of(*s) == name);
+        let are_split = !line_keys.is_empty() && names(line_keys, true).len() > MOST_LINES;
+        let (lines, titles) = (names(line_keys, !are_split), names(panel_keys, are_split));
+        let line = |title: &String, of: &String| -> Line<'a> {
+            let is_own = |s: &Scored<'a>| {
+                name(panel_keys, are_split, s) == *title && name(line_keys, !are_split, s) == *of
+            };
+            let own = drawn.iter().copied().filter(is_own);
             let mut placed: Vec<(f64, Scored<'a>)> =
                 own.filter_map(|s| Some((self.x.place(s)?, s))).collect();
             placed.sort_by(|a, b| a.0.total_cmp(&b.0));
             let same = placed.chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq());
             same.map(|same| (same[0].0, same.iter().map(|p| p.1).collect())).collect()
         };
-        let few = |names: &[String], titles: &[String]| Layout {
-            lines: names.to_vec(),
-            panels: titles
-                .iter()
-                .map(|title| (title.clone(), names.iter().map(|name| line(title, name)).collect()))
-                .collect(),
-        };
-        let chunks =
-            lines.chunks(MOST_LINES).flat_map(|names| titles.chunks(MOST_PANELS).map(move |t| (names, t)));
-        chunks.map(|(names, titles)| few(names, titles)).collect()
+        let mut layouts = Vec::new();
+        for lines in lines.chunks(MOST_LINES) {
+            layouts.extend(titles.chunks(MOST_PANELS).map(|titles| {
+                Layout {
+                    lines: lines.to_vec(),
+                    panels: titles
+                        .iter()
+                        .map(|title| (title.clone(), lines.iter().map(|of| line(title, of)).collect()))
+                        .collect(),
+                }
+            }));
+        }
+        layouts
     }
 
     fn figures(&self, quantity: &Quantity) -> Result<Vec<Markup>> {
@@ -304,14 +312,7 @@ impl<'a> Sweep<'a> {
         let points = || layout.panels.iter().flat_map(|panel| panel.1.iter().flatten());
         let counts = points().map(|(_, same)| same.len());
         let (least, most) = counts.fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
-        let drawn: Vec<(String, Vec<Series>)> = layout
-            .panels
-            .iter()
-            .map(|(title, lines)| {
-                let named = layout.lines.iter().zip(lines);
-                (title.clone(), named.map(|(name, line)| series(name, line, quantity, most > 1)).collect())
-            })
-            .collect();
+        let drawn = layout.drawn(|name, line| series(name, line, quantity, most > 1));
         let mut at: Vec<f64> = points().map(|point| point.0).collect();
         at.sort_unstable_by(f64::total_cmp);
         at.dedup();
@@ -341,7 +342,7 @@ impl<'a> Sweep<'a> {
     /// The bias of a displacement against its fraction of a pixel, over one period.
     fn bias_over_a_period(&self, component: usize) -> Result<Vec<Markup>> {
         let layouts = self.layouts(|s| biased(&s.1, component).0.is_some());
-        let of_line = |name: &String, line: &Line<'_>| {
+        let of_line = |name: &str, line: &Line<'_>| {
             // Thousandths of a pixel, with bias and random error.
             let mut at: BTreeMap<i64, Vec<[f64; 2]>> = BTreeMap::new();
             for (x, same) in line {
@@ -366,18 +367,11 @@ impl<'a> Sweep<'a> {
             drawn
         };
         let figure = |layout: &Layout<'_>| {
-            let of_panel = |(title, lines): &(String, Vec<Line<'_>>)| {
-                (
-                    title.clone(),
-                    layout.lines.iter().zip(lines).map(|(name, line)| of_line(name, line)).collect(),
-                )
-            };
-            let drawn: Vec<(String, Vec<Series>)> = layout.panels.iter().map(of_panel).collect();
             let y = ["bias of u, px", "bias of v, px"][component];
             let labels = AxisLabels { x: "fraction of the displacement, px", y, title: y };
             let caption = "bias against the fraction of the displacement, which shows peak locking: displacements that differ by whole \
                            pixels are faint dots, their mean a line; bars are random errors";
-            shown(labels, &drawn, &Across::Linear, caption)
+            shown(labels, &layout.drawn(of_line), &Across::Linear, caption)
         };
         layouts.iter().map(figure).collect()
     }
@@ -477,7 +471,7 @@ mod tests {
         let scores = values.map(|value| scored("ncc", 0.5, &[("optics.cylinder", value)]));
         let page = pages(&scores).concat();
         assert!(page.contains("F1 against cylindrical lens"), "{page}");
-        for name in ["None", "to sensor mm: 70", "to sensor mm: 115"] {
+        for name in ["None", "to sensor mm:", "70", "115"] {
             assert!(page.lines().any(|line| line.trim() == name), "{name} has no place in {page}");
         }
         let is_curve = |line: &str| line.contains("<polyline") && line.contains("stroke-width=\"2\"");
@@ -501,17 +495,17 @@ mod tests {
         let page = &pages(&scores).into_iter().find(|page| page.contains("F1 against x.")).unwrap();
         // Four values of the noise with two trackers would be eight lines: each tracker has its panels.
         let titles = [
-            "mle, number.count = 5",
-            "mle, number.count = 9",
-            "ncc, number.count = 5",
-            "ncc, number.count = 9",
+            "mle, particles in view = 5",
+            "mle, particles in view = 9",
+            "ncc, particles in view = 5",
+            "ncc, particles in view = 9",
         ];
         for title in titles {
             assert!(page.lines().any(|line| line.trim() == title), "{title} is no title in {page}");
         }
         let legend: Vec<_> = page.match_indices("background noise = ").map(|(at, _)| at).collect();
         assert_eq!(legend.len(), 4, "one legend: {page}");
-        let named = ["noise = 0<", "noise = 20<", "noise = 100<", "noise = 400<"]
+        let named = ["noise = 0 counts<", "noise = 20 counts<", "noise = 100 counts<", "noise = 400 counts<"]
             .map(|name| page.find(name).unwrap());
         assert!(named.is_sorted(), "in the order of their numbers");
         // A parameter with one value is not named.

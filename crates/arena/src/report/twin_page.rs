@@ -326,7 +326,7 @@ fn curves(both: &[(&str, &Compared)], about: &TwinAbout) -> Result<Vec<maud::Mar
     let mut plot = |y: &str, x: &str, series: Vec<Series>, caption: &str| -> Result<()> {
         if series.iter().any(Series::has_points) {
             let svg = lines(&AxisLabels { x, y, title: y }, &series)?;
-            plots.push(figure_of(svg, &names(&series), caption));
+            plots.push(figure_of(svg, &names(&series), &format!("{caption}; bars: 95 % intervals.")));
         }
         Ok(())
     };
@@ -336,12 +336,13 @@ fn curves(both: &[(&str, &Compared)], about: &TwinAbout) -> Result<Vec<maud::Mar
     let rms: Value = |of| (of.rms_z_um, of.interval_rms_z_um);
     let over_depth = |value: Value| series(both, &depths, z, |_| true, value);
     let over_radius = |value: Value| series(both, &radii, |seen| seen.radius_px, is_far, value);
-    plot("recall", "z, um", over_depth(recall), "Share of particles that are found; bars: 95 % intervals.")?;
-    plot("bias of z, um", "z, um", over_depth(bias), "Mean error of depth.")?;
-    plot("RMS error of z, um", "z, um", over_depth(rms), "RMS error of depth.")?;
+    plot("recall", "z, um", over_depth(recall), "Share of particles that are found")?;
+    plot("bias of z, um", "z, um", over_depth(bias), "Mean error of depth")?;
+    plot("RMS error of z, um", "z, um", over_depth(rms), "RMS error of depth")?;
     let away = "distance from the middle of the image, px";
-    plot("bias of z, um", away, over_radius(bias), "Mean error of depth, of particles far from focus.")?;
-    plot("RMS error of z, um", away, over_radius(rms), "RMS error of depth, of particles far from focus.")?;
+    let far = format!("of particles farther than {:.1} um from focus", about.near_um);
+    plot("bias of z, um", away, over_radius(bias), &format!("Mean error of depth, {far}"))?;
+    plot("RMS error of z, um", away, over_radius(rms), &format!("RMS error of depth, {far}"))?;
     Ok(plots)
 }
 

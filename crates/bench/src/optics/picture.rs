@@ -10,6 +10,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{Optics, letter};
+use arena::report::{MOST_LINES, log_ticks, markers, sign};
 use generator::preview::{SizeCurves, tick_label};
 use microsig_core::visibility::{DepthScan, ScanImage};
 use scoring::evaluate::crlb::{DepthBound, DepthBounds, PositionBound};
@@ -29,15 +30,16 @@ const TILE: i32 = 54;
 const GAP: i32 = 4;
 /// Pixels of a tile: its size at 300 dots per inch.
 const TILE_PX: u32 = 113;
-/// Height of the caption of a strip, of the depths and widths below it, and of a chart.
+/// Height of the caption of a strip, of the depths and widths below it, of a chart, and of the name of the axis of depth.
 const CAPTION: i32 = 24;
 const BELOW: i32 = 38;
-const CHART: u32 = 210;
+const CHART: u32 = 190;
+const DEPTHS: u32 = 18;
 /// Pixels per unit of an image of pixels: 300 dots per inch at 85 mm.
 const SCALE: f32 = 1004.0 / WIDTH as f32;
 /// Most scenarios in a picture.
-pub(crate) const MOST: usize = 6;
-/// Colors distinguishable in grayscale and with color blindness; a marker belongs to each.
+pub(crate) const MOST: usize = MOST_LINES;
+/// Colors distinguishable in grayscale and with color blindness.
 const COLORS: [RGBColor; MOST] = [
     RGBColor(0, 0, 0),
     RGBColor(0, 114, 178),
@@ -46,7 +48,6 @@ const COLORS: [RGBColor; MOST] = [
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
 ];
-const SIGNS: [char; MOST] = ['\u{25cf}', '\u{25b2}', '\u{25a0}', '\u{2715}', '\u{25cb}', '\u{25b3}'];
 /// Distance between the markers of a curve, depths.
 const EVERY: usize = 10;
 
@@ -133,7 +134,7 @@ fn label(x: i32, y: i32, style: &str, text: &str) -> String {
 /// Images of one size, from the lowest depth to the highest.
 fn strip(shown: &Shown<'_>, index: usize, top: i32) -> Result<String> {
     let RGBColor(r, g, b) = COLORS[index % MOST];
-    let name = format!("{} {}", SIGNS[index % MOST], shown.name);
+    let name = format!("{} {}", sign(index), shown.name);
     // A letter is about 0.6 times as wide as the font is high.
     let fits = |font: i32| (f64::from(WIDTH as i32 - 16) / (0.6 * f64::from(font))) as usize;
     let n = name.chars().count();
@@ -187,8 +188,13 @@ struct Curve {
     is_full: bool,
 }
 
-/// Name of an axis, curves, levels, and the least value.
-type Panel = (&'static str, Vec<Curve>, Vec<Level>, Option<f64>);
+struct Panel {
+    name: &'static str,
+    curves: Vec<Curve>,
+    levels: Vec<Level>,
+    /// The largest value of a logarithmic axis.
+    most: Option<f64>,
+}
 
 /// A horizontal line with its name.
 type Level = (&'static str, f64);
@@ -230,25 +236,27 @@ fn charts(all: &[Optics], shown: &[Shown<'_>], text: &mut String, top: i32) -> D
         of_bounds(|bound| bound.crlb_x_px, |_| true, true),
         of_bounds(|bound| bound.crlb_y_px, |_| true, false),
     );
-    // A bound of more than the depth range says that z is unknown.
+    // Dashes show where full lines have gaps. A bound of more than the depth range says that z is unknown.
     let axial = joined(
         of_bounds(|bound| bound.crlb_z_um, |depth| depth.is_determined, true),
-        of_bounds(|bound| bound.crlb_z_um, |depth| !depth.is_determined, false),
+        of_bounds(|bound| bound.crlb_z_um, |_| true, false),
     );
-    let charts: [Panel; 4] = [
-        ("peak, counts", peaks, levels, Some(f64::INFINITY)),
-        ("width (full), height, px", sizes, Vec::new(), None),
-        ("bound of x (full), y, px", lateral, Vec::new(), Some(f64::INFINITY)),
-        ("bound of z, um", axial, Vec::new(), Some(z.1 - z.0)),
+    let panel = |name, curves, levels, most| Panel { name, curves, levels, most };
+    let all = [
+        panel("peak, counts", peaks, levels, Some(f64::INFINITY)),
+        panel("width, height (dashed), px", sizes, Vec::new(), None),
+        panel("bound of x, y (dashed), px", lateral, Vec::new(), Some(f64::INFINITY)),
+        panel("bound of z, um", axial, Vec::new(), Some(z.1 - z.0)),
     ];
-    let drawn: Vec<_> = charts.into_iter().filter(|chart| chart.1.iter().any(has_points)).collect();
-    let size = (WIDTH, top as u32 + drawn.len() as u32 * CHART);
+    let drawn: Vec<Panel> = all.into_iter().filter(|panel| panel.curves.iter().any(has_points)).collect();
+    let size = (WIDTH, top as u32 + drawn.len() as u32 * CHART + DEPTHS);
     let root = SVGBackend::with_string(text, size).into_drawing_area();
     root.fill(&WHITE)?;
     let (_, mut rest) = root.split_vertically(top);
-    for (name, curves, levels, most) in drawn {
-        let (upper, lower) = rest.split_vertically(CHART);
-        chart(&upper, z, name, &curves, &levels, most)?;
+    for (i, panel) in drawn.iter().enumerate() {
+        let is_last = i + 1 == drawn.len();
+        let (upper, lower) = rest.split_vertically(CHART + if is_last { DEPTHS } else { 0 });
+        chart(&upper, z, panel, is_last)?;
         rest = lower;
     }
     root.present()?;
@@ -259,30 +267,31 @@ fn has_points(curve: &Curve) -> bool {
     curve.points.iter().any(|p| p.1.is_finite() && p.1 > 0.0)
 }
 
-/// Curves over depth, logarithmic up to `most` if it is given.
-fn chart(
-    area: &Area<'_>,
-    (z0, z1): Point,
-    name: &str,
-    curves: &[Curve],
-    levels: &[Level],
-    most: Option<f64>,
-) -> Drawn<()> {
+/// Curves over depth; the last chart names the axis of depth.
+fn chart(area: &Area<'_>, (z0, z1): Point, panel: &Panel, is_last: bool) -> Drawn<()> {
+    let Panel { name, curves, levels, most } = panel;
+    let along = if is_last { "z, um (away from the lens)" } else { "" };
     let values = curves.iter().flat_map(|curve| &curve.points).map(|p| p.1);
     let values = values.chain(levels.iter().map(|level| level.1)).filter(|v| v.is_finite() && *v > 0.0);
     let (low, high) = values.fold((f64::INFINITY, 0.0f64), |(low, high), v| (low.min(v), high.max(v)));
     let mut builder = ChartBuilder::on(area);
-    builder.margin(6).margin_right(20).x_label_area_size(42).y_label_area_size(LEFT as u32 - 6);
+    builder
+        .margin(6)
+        .margin_right(20)
+        .x_label_area_size(24 + if is_last { DEPTHS } else { 0 })
+        .y_label_area_size(LEFT as u32 - 6);
     match most {
         None => {
             let mut chart = builder.build_cartesian_2d(z0..z1, 0.0..1.08 * high)?;
-            mesh(&mut chart, name)?;
+            mesh(&mut chart, [along, name])?;
             curves.iter().try_for_each(|curve| draw(&mut chart, curve, f64::INFINITY))
         }
         Some(most) => {
-            let high = high.min(most).max(1.01 * low);
-            let mut chart = builder.build_cartesian_2d(z0..z1, (0.7 * low..1.5 * high).log_scale())?;
-            mesh(&mut chart, name)?;
+            let high = high.min(*most).max(1.01 * low);
+            let (low, high) = (0.7 * low, 1.5 * high);
+            let y = (low..high).log_scale().with_key_points(log_ticks(low, high));
+            let mut chart = builder.build_cartesian_2d(z0..z1, y)?;
+            mesh(&mut chart, [along, name])?;
             for (name, level) in levels {
                 chart.draw_series(DashedLineSeries::new(
                     [(z0, *level), (z1, *level)],
@@ -296,14 +305,14 @@ fn chart(
                     .pos(Pos::new(HPos::Left, VPos::Bottom));
                 chart.draw_series([Text::new(*name, (z0 + 0.01 * (z1 - z0), 1.05 * level), style)])?;
             }
-            curves.iter().try_for_each(|curve| draw(&mut chart, curve, 1.5 * high))
+            curves.iter().try_for_each(|curve| draw(&mut chart, curve, high))
         }
     }
 }
 
 type Chart<'a, 'b, Y> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, Y>>;
 
-fn mesh<Y>(chart: &mut Chart<'_, '_, Y>, name: &str) -> Drawn<()>
+fn mesh<Y>(chart: &mut Chart<'_, '_, Y>, [x, y]: [&str; 2]) -> Drawn<()>
 where
     Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
 {
@@ -313,8 +322,8 @@ where
         .light_line_style(TRANSPARENT)
         .x_labels(7)
         .y_labels(5)
-        .x_desc("z, um (away from the lens)")
-        .y_desc(name)
+        .x_desc(x)
+        .y_desc(y)
         .x_label_formatter(&|z| tick_label(*z, &depths))
         .y_label_formatter(&|value| tick_label(*value, &values))
         .label_style(("sans-serif", FONT))
@@ -335,18 +344,6 @@ fn draw<Y: Ranged<ValueType = f64>>(chart: &mut Chart<'_, '_, Y>, curve: &Curve,
     }
     // Curves that coincide have their markers at different depths.
     let marked = curve.points.iter().skip(curve.index * EVERY / MOST).step_by(EVERY).filter(|p| is_drawn(p));
-    let (fill, stroke, half) = (color.filled(), color.stroke_width(2), 4);
-    match curve.index % MOST {
-        0 => chart.draw_series(marked.map(|p| Circle::new(*p, half, fill)))?,
-        1 => chart.draw_series(marked.map(|p| TriangleMarker::new(*p, half + 2, fill)))?,
-        2 => {
-            let square =
-                |p: &Point| EmptyElement::at(*p) + Rectangle::new([(-half, -half), (half, half)], fill);
-            chart.draw_series(marked.map(square))?
-        }
-        3 => chart.draw_series(marked.map(|p| Cross::new(*p, half, stroke)))?,
-        4 => chart.draw_series(marked.map(|p| Circle::new(*p, half, stroke)))?,
-        _ => chart.draw_series(marked.map(|p| TriangleMarker::new(*p, half + 2, stroke)))?,
-    };
+    markers(chart, curve.index, color, 4, marked.copied())?;
     Ok(())
 }
