@@ -201,10 +201,7 @@ fn fit_scan(
             .transpose()?;
         let mut warnings: Vec<String> = options.warning().into_iter().collect();
         warnings.extend(folder.iter().filter_map(|(folder, _)| folder.warning().map(str::to_owned)));
-        let spinner = progress.spinner("fit");
-        let watch = |what: &str| spinner.set_message(format!("fit: {what}"));
-        let made = FittedScan::of(&scan, &options, how.field, &watch)?;
-        spinner.finish();
+        let made = FittedScan::of(&scan, &options, how.field, progress)?;
         if let Some((folder, out)) = folder {
             folder.finish(&made, &name, &out)?;
         }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use arena::report::{field_page, fit_page};
 use fit::{Astigmatic, FieldFiles, FieldFit, FitFiles, FitOptions, Fitted, Scan, Verdict, WaveOptions};
+use generator::runner::Progress;
 use serde_json::Value;
 use storage::advice;
 use storage::advice::{flag, option};
@@ -27,19 +28,24 @@ pub enum FittedScan {
 }
 
 impl FittedScan {
-    /// Fits a scan; `watch` receives progress messages.
-    pub fn of(
-        scan: &Scan,
-        options: &FitOptions,
-        is_field: bool,
-        watch: &(dyn Fn(&str) + Sync),
-    ) -> Result<Self> {
+    /// Fits a scan.
+    pub fn of(scan: &Scan, options: &FitOptions, is_field: bool, progress: &Progress) -> Result<Self> {
         FittedScan::check(options, is_field)?;
-        let Some(of_waves) = by_waves(scan, options, is_field)? else {
-            return Ok(FittedScan::Geometric(Box::new(fit::fit(scan, options, watch)?)));
+        let by_waves = by_waves(scan, options, is_field)?;
+        let bar = if by_waves.is_some() { progress.percent("% of the fit") } else { progress.spinner("fit") };
+        let watch = |what: &str, share: Option<f64>| {
+            bar.set_message(what.to_owned());
+            share.into_iter().for_each(|share| bar.set_share(share));
         };
-        let made = Box::new(fit::fit_waves(scan, &of_waves, watch)?);
-        Ok(FittedScan::Waves { made, size_px: [scan.width, scan.height] })
+        let made = match by_waves {
+            None => FittedScan::Geometric(Box::new(fit::fit(scan, options, &watch)?)),
+            Some(options) => {
+                let made = Box::new(fit::fit_waves(scan, &options, &watch)?);
+                FittedScan::Waves { made, size_px: [scan.width, scan.height] }
+            }
+        };
+        bar.finish();
+        Ok(made)
     }
 
     /// Checks the options before the scan is read and the folder claimed.

@@ -400,10 +400,12 @@ pub fn twin(options: &TwinOptions) -> Result<Twinned> {
     };
     std::fs::create_dir_all(out).map_err(Error::write(out))?;
     let mut warnings = Vec::new();
+    let under_way = options.progress.spinner("twin");
     // On the recording: those that need a calibration cannot run without a scan.
     let mut of_recording = Vec::new();
     for (k, tracker) in trackers.iter().enumerate() {
         let can_run = has_scan || !matches!(tracker, TwinTracker::Method("ncc" | "mle" | "aptv"));
+        under_way.set_message(format!("{} on the recording", tracker.name()));
         let result = can_run
             .then(|| run(tracker, k, &recorded.place, "recorded", options, &mut warnings))
             .transpose()?;
@@ -415,11 +417,13 @@ pub fn twin(options: &TwinOptions) -> Result<Twinned> {
         () if of_recording.first().is_some_and(Option::is_some) => Source::Found,
         () => Source::Scenario,
     };
+    under_way.set_message("images of the twin");
     let made = Made::new(&recorded, &base, source, of_recording.first().and_then(Option::as_deref), options)?;
     let place = made.import(&recorded, &base, options, &mut warnings)?;
     let mut both = Vec::new();
     let is_known = !recorded.planes.is_empty() || recorded.place.join(TrackRow::PATH).exists();
     for ((k, tracker), of_recording) in trackers.iter().enumerate().zip(&of_recording) {
+        under_way.set_message(format!("{} on the twin", tracker.name()));
         let result = run(tracker, k, &place, "twin", options, &mut warnings)?;
         let score = |folder: &Path, result: &Path| -> Result<Evaluation> {
             evaluate_files(folder, InputFile::from(result), &EvaluateOptions::default())
@@ -436,6 +440,7 @@ pub fn twin(options: &TwinOptions) -> Result<Twinned> {
             twin: score(&place, &result)?,
         });
     }
+    under_way.finish();
     let notes = made.notes(&recorded, &base, trackers.first());
     let [low, high] = recorded.facts.depth_um.map_or([-1.0, 1.0], |(low, high)| [low, high]);
     let about = TwinAbout {
@@ -492,10 +497,8 @@ fn run(
                 .replace("{images}", &quoted(&folder.join("images")))
                 .replace("{dataset}", &quoted(folder))
                 .replace("{out}", &quoted(&result));
-            let spinner = options.progress.spinner("the tracker of the command line");
             // Standard output is for the numbers.
             let status = Command::new("sh").arg("-c").arg(&text).stdout(std::io::stderr()).status();
-            spinner.finish();
             let status = status.map_err(|e| Error::input(format!("{text}: {e}")))?;
             if !status.success() || !result.exists() {
                 let wrote = if result.exists() { "" } else { ", without a result" };

@@ -19,8 +19,8 @@ use super::scan::Scan;
 use super::state::{Count, Misfit, State, huber};
 use storage::error::Result;
 
-/// Receives short descriptions of what a fit is doing.
-pub type Watch<'a> = &'a (dyn Fn(&str) + Sync);
+/// Receives short descriptions of what a fit is doing, and the share of the work that is done, if it is known.
+pub type Watch<'a> = &'a (dyn Fn(&str, Option<f64>) + Sync);
 
 /// Accuracy of images and of their derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]

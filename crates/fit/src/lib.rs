@@ -151,7 +151,7 @@ pub struct FitFiles {
 /// parameters.
 pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFiles> {
     options.check()?;
-    watch("background, particles and widths");
+    watch("background, particles and widths", None);
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
         Some(places) => particles::given(scan, places)?,
@@ -346,7 +346,7 @@ mod tests {
                 bootstrap: 0,
                 seed: 0,
             };
-            let fitted = match fit(&scan, &options, &|_| ()) {
+            let fitted = match fit(&scan, &options, &|_, _| ()) {
                 Ok(made) => made.fitted,
                 // A window of a quarter of the widest images.
                 Err(why) => {

@@ -53,7 +53,7 @@ impl Problem<'_> {
             let fresh = derivatives.are_of(&state);
             let pixels: usize = normal.variances.iter().map(Vec::len).sum();
             let loss = normal.loss / (pixels.max(1) as f64);
-            (self.watch)(&format!("{}, step {step}: misfit {loss:.4} per pixel", self.stage));
+            (self.watch)(&format!("{}, step {step}: misfit {loss:.4} per pixel", self.stage), None);
             let n = normal.right.len();
             let predicted = |step: &[f64]| step.iter().zip(&normal.right).map(|(s, r)| s * r).sum::<f64>();
             // The remaining decrease, which damped steps do not reveal where parameters nearly compensate

@@ -337,12 +337,27 @@ impl ModelImages {
     /// The stack computed by the model for the pixel at this position, on squares of this side; divided by the
     /// counts per ray.
     fn stack(&self, at: [f64; 2], side: usize) -> Vec<GrayImage> {
+        let at = at.map(f64::round);
+        // All tables at once, so that progress has their number.
+        let spheres: Vec<Particle> = self.depths_um.iter().map(|z_um| self.place(at, *z_um).1).collect();
+        self.over_field.as_ref().unwrap_or(&self.renderer).prepare(&[&spheres]);
         let unit = self.unit as f32;
         let image = |z_um: &f64| {
-            let patch = self.patch(at.map(f64::round), *z_um, side / 2);
+            let patch = self.patch(at, *z_um, side / 2);
             GrayImage { width: side, height: side, counts: patch.light.iter().map(|l| l[0] / unit).collect() }
         };
         self.depths_um.par_iter().map(image).collect()
+    }
+
+    /// The pixel (from 1) and the particle at a position: in the middle of a small sensor, or at the place on the whole one.
+    fn place(&self, at: [f64; 2], z_um: f64) -> ([i64; 2], Particle) {
+        let middle = at.map(f64::round);
+        let center = match self.over_field {
+            None => [self.middle; 2],
+            Some(_) => middle.map(|at| at as i64 + 1),
+        };
+        let [x, y] = [0, 1].map(|axis| center[axis] as f64 + at[axis] - middle[axis]);
+        (center, Particle::sphere(x, y, (z_um - self.zero_um) / self.depth_factor, self.d_um))
     }
 
     /// Fits the counts per ray to the calibration stack; returns the correlation of both stacks.
@@ -383,13 +398,8 @@ impl ParticleImages for ModelImages {
 
     fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
         let middle = at.map(f64::round);
-        // Pixels from 1: in the middle of a small sensor, or at the place.
-        let (renderer, center) = match &self.over_field {
-            None => (&self.renderer, [self.middle; 2]),
-            Some(renderer) => (renderer, middle.map(|at| at as i64 + 1)),
-        };
-        let [x, y] = [0, 1].map(|axis| center[axis] as f64 + at[axis] - middle[axis]);
-        let particle = Particle::sphere(x, y, (z_um - self.zero_um) / self.depth_factor, self.d_um);
+        let (center, particle) = self.place(at, z_um);
+        let renderer = self.over_field.as_ref().unwrap_or(&self.renderer);
         let ([x0, y0], side) = (center.map(|center| center - radius as i64), 2 * radius + 1);
         let window = Window { x0, y0, width: side, height: side };
         let pixels = renderer.gradient(&particle, Some(window)).map(|Gradient { pixels, .. }| pixels);

@@ -154,10 +154,7 @@ impl Fit {
         warn(options.warning(), common);
         let folder = FitFolder::start(&self.out, options.waves.is_some(), self.replace.force)?;
         warn(folder.warning(), common);
-        let spinner = progress(common).spinner("fit");
-        let watch = |what: &str| spinner.set_message(format!("fit: {what}"));
-        let made = FittedScan::of(&scan, &options, self.field, &watch)?;
-        spinner.finish();
+        let made = FittedScan::of(&scan, &options, self.field, &progress(common))?;
         folder.finish(&made, &self.scan.display().to_string(), &self.out)?;
         warn(made.warnings(), common);
         let out = self.out.display();

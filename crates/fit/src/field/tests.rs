@@ -215,7 +215,7 @@ impl Images {
 
     fn fit(&self, light: f64, seed: u64) -> FieldFit {
         let scan = self.scan(light, seed);
-        fit_waves(&scan, &options(self.places_px.clone()), &|_| ()).unwrap().fitted
+        fit_waves(&scan, &options(self.places_px.clone()), &|_, _| ()).unwrap().fitted
     }
 }
 
@@ -390,7 +390,7 @@ fn aperture_aberrations_diameter_and_noise_of_a_small_bead_are_found() {
         full_scale: u16::MAX,
         warnings: Vec::new(),
     };
-    let made = fit_waves(&scan, &options, &|_| ()).unwrap().fitted;
+    let made = fit_waves(&scan, &options, &|_, _| ()).unwrap().fitted;
     for (key, quantity) in [
         ("numerical_aperture", NA),
         ("coma.constant.0", COMA),
@@ -454,7 +454,9 @@ fn the_light_of_particles_that_are_not_fitted_is_masked() {
     let [x, y] = images.places_px[0];
     let chi2 = |all_px: Vec<[f64; 2]>| {
         let options = WaveOptions { all_px, ..options(vec![[x, y]]) };
-        let made = fit_waves(&scan, &options, &|_| ()).unwrap();
+        let shares = std::sync::Mutex::new(Vec::new());
+        let made = fit_waves(&scan, &options, &|_, share| shares.lock().unwrap().extend(share)).unwrap();
+        assert_eq!(shares.into_inner().unwrap(), [0.0, COMPARING]);
         (made.fitted.particles.len(), made.fitted.chi2_of_field)
     };
     let (particles, masked) = chi2(vec![[x + 1.0, y], [x + 11.0, y]]);

@@ -89,6 +89,11 @@ impl Progress {
         self.bar(n, "images")
     }
 
+    /// A bar for work of which a share is known to be done ([`Bar::set_share`]).
+    pub fn percent(&self, of: &'static str) -> Bar {
+        self.bar(100, of)
+    }
+
     /// A bar for the `n` cases of a sweep, and the progress within a case, shown below it.
     pub fn cases(&self, n: u64) -> (Bar, Progress) {
         match self {
@@ -175,6 +180,11 @@ impl Bar {
         self.bar.inc(n);
     }
 
+    /// Which share of [`Progress::percent`] is done.
+    pub fn set_share(&self, share: f64) {
+        self.bar.set_position((100.0 * share) as u64);
+    }
+
     /// States which part is under way.
     pub fn set_message(&self, message: impl Into<Cow<'static, str>>) {
         self.bar.set_message(message);
@@ -192,14 +202,14 @@ impl Bar {
 pub struct Tables {
     folder: Option<TableFolder>,
     progress: Progress,
-    /// The bar, while tables are computed.
-    bar: Mutex<Option<Bar>>,
+    /// Number of tables made so far, and the bar, while tables are computed.
+    bar: Mutex<(u64, Option<Bar>)>,
 }
 
 impl Tables {
     /// Tables stored in `folder`, or not stored.
     pub fn new(folder: Option<TableFolder>, progress: Progress) -> Self {
-        Tables { folder, progress, bar: Mutex::new(None) }
+        Tables { folder, progress, bar: Mutex::default() }
     }
 }
 
@@ -213,12 +223,23 @@ impl TableStore for Tables {
     }
 
     fn tables_started(&self, tables: usize) {
-        let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
-        bar.get_or_insert_with(|| self.progress.bar(0, "image tables")).bar.inc_length(tables as u64);
+        let mut lock = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
+        let (made, bar) = &mut *lock;
+        let bar = bar.get_or_insert_with(|| {
+            let bar = self.progress.bar(0, "image tables");
+            // Not all tables of a run are known from the beginning.
+            if *made > 0 {
+                bar.set_message(format!("{made} more made before"));
+            }
+            bar
+        });
+        bar.bar.inc_length(tables as u64);
     }
 
     fn table_finished(&self) {
-        let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut lock = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
+        let (made, bar) = &mut *lock;
+        *made += 1;
         let Some(shown) = bar.as_ref() else { return };
         shown.inc(1);
         if Some(shown.bar.position()) == shown.bar.length() {
@@ -244,4 +265,23 @@ fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
         0 => write!(out, "time left unknown"),
         _ => write!(out, "{} left", HumanDuration(state.eta())),
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_count_of_tables_goes_on() {
+        let (progress, reports) = Progress::asked();
+        let tables = Tables::new(None, progress);
+        let message = || tables.bar.lock().unwrap().1.as_ref().map(|bar| bar.bar.message());
+        tables.begun(2);
+        tables.made();
+        assert_eq!((reports.now(), message().as_deref()), (Some(("image tables", 1, 2)), Some("")));
+        tables.made();
+        tables.begun(1);
+        assert_eq!(message().as_deref(), Some("2 more made before"));
+        assert_eq!(reports.now(), Some(("image tables", 0, 1)));
+    }
 }

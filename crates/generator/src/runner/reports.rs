@@ -192,9 +192,13 @@ fn line(running: &[Arc<Task>]) -> Option<String> {
     });
     let described: Vec<String> = described.collect();
     let part_done = within.first().and_then(|task| task.fraction(0.0)).filter(|part| *part < 1.0);
-    let left = first.left(part_done.unwrap_or_default());
-    let left = left
-        .map_or_else(|| "time left unknown".to_owned(), |left| format!("about {} left", HumanDuration(left)));
+    let left =
+        first.left(part_done.unwrap_or_default()).map(|left| format!("about {} left", HumanDuration(left)));
+    let left = left.or_else(|| {
+        let (what, left) = within.iter().find_map(|task| Some((task.what, task.left(0.0)?)))?;
+        Some(format!("about {} left for {what}", HumanDuration(left)))
+    });
+    let left = left.unwrap_or_else(|| "time left unknown".to_owned());
     Some(format!("{}; {} so far, {left}", described.join(", "), HumanDuration(first.since.elapsed())))
 }
 
@@ -224,6 +228,16 @@ mod tests {
         assert_eq!(line(&tasks).unwrap(), expected);
         let fit = Task { what: "fit", since: minutes(2), bar: bar(0, 0) };
         assert_eq!(line(&[Arc::new(fit)]).unwrap(), "fit; 2 minutes so far, time left unknown");
+        let fit = Task { what: "% of the fit", since: minutes(6), bar: bar(100, 40) };
+        fit.bar.set_message("particle 7 of 11");
+        let expected = "40 of 100 % of the fit (particle 7 of 11); 6 minutes so far, about 9 minutes left";
+        assert_eq!(line(&[Arc::new(fit)]).unwrap(), expected);
+        // Of the whole, nothing is known.
+        let twin = Task { what: "twin", since: minutes(7), bar: bar(0, 0) };
+        twin.bar.set_message("mle on the recording");
+        let tables = Task { what: "image tables", since: minutes(6), bar: bar(8, 2) };
+        let expected = "twin (mle on the recording), 2 of 8 image tables; 7 minutes so far, about 18 minutes left for image tables";
+        assert_eq!(line(&[Arc::new(twin), Arc::new(tables)]).unwrap(), expected);
         assert_eq!(line(&[]), None);
     }
 
