@@ -12,7 +12,9 @@ use arena::report::{OnBoth, TrackerScores, TwinAbout, twin_page};
 use fit::StagePositions;
 use generator::runner::{DatasetPlace, GenerateOptions, Progress, generate};
 use import::{ImportOptions, import};
+use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::render::Context;
+use microsig_core::sensor::{Counts, Image};
 use microsig_core::stream::{Purpose, Streams};
 use scenario::{Assignment, Scenario};
 use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
@@ -146,6 +148,8 @@ struct Recorded {
     background: [f64; 2],
     /// The same of the scan.
     scan_background: [f64; 2],
+    /// What varies over the first frame's background, counts.
+    uneven: Vec<f32>,
 }
 
 fn rows_if_any<T: Row>(folder: &Path, needed: &[&str]) -> Result<Vec<T>> {
@@ -194,8 +198,8 @@ impl Recorded {
         };
         let frames: Vec<FrameRow> = read_rows(folder, &["frame", "image"])?;
         let Some(first) = frames.first() else { return Err(Error::input(format!("{name}: no frames"))) };
-        let background = gray(&place, &first.image, size)?.background();
-        let mut background = <[f32; 2]>::from(background).map(f64::from);
+        let first = gray(&place, &first.image, size)?;
+        let mut background = <[f32; 2]>::from(first.background()).map(f64::from);
         let mut scan_background = background;
         if let Some(noise) = &manifest.microsig.noise {
             // Over time, which is finer than the deviation over pixels: that of whole counts is whole counts.
@@ -219,6 +223,7 @@ impl Recorded {
             scan,
             background,
             scan_background,
+            uneven: first.unevenness(),
             manifest,
             facts,
         })
@@ -278,23 +283,18 @@ impl Lights {
         let per_mm2 = base.spec.optics.field.map_or(0.0, |field| field.light_per_mm2);
         let mm_per_px = 1e-3 * um_per_px(recorded, base);
         let middle = [recorded.size.0, recorded.size.1].map(|size| 0.5 * f64::from(size) + 0.5);
-        let shade = |row: &ScanParticleRow| {
-            let r = mm_per_px * (row.x_px - middle[0]).hypot(row.y_px - middle[1]);
-            (1.0 + per_mm2 * r * r).max(0.05)
-        };
         let of = |row: &ScanParticleRow| {
-            ([row.x_px, row.y_px], Light { light: row.light / shade(row), spheres: 1 })
+            let r = mm_per_px * (row.x_px - middle[0]).hypot(row.y_px - middle[1]);
+            let shade = (1.0 + per_mm2 * r * r).max(0.05);
+            ([row.x_px, row.y_px], Light { light: row.light / shade, spheres: 1 })
         };
         let scan = recorded.scan.iter().map(of).collect();
         let mut lights = Lights { scan, streams: Streams::new(seed) };
         let spheres: Vec<usize> = lights.scan.iter().map(|(at, of)| lights.spheres(*at, of.light)).collect();
-        let of_single =
-            |((_, of), spheres): (&([f64; 2], Light), &usize)| (*spheres == 1).then_some(of.light);
-        let singles: Vec<f64> = lights.scan.iter().zip(&spheres).filter_map(of_single).collect();
-        let single = singles.iter().sum::<f64>() / singles.len().max(1) as f64;
-        for ((_, of), spheres) in lights.scan.iter_mut().zip(spheres) {
-            *of = Light { light: (of.light / single).max(0.05), spheres };
-        }
+        lights.scan.iter_mut().zip(spheres).for_each(|((_, of), spheres)| of.spheres = spheres);
+        let singles = lights.scan.iter().filter(|(_, of)| of.spheres == 1).map(|(_, of)| of.light);
+        let single = singles.clone().sum::<f64>() / singles.count().max(1) as f64;
+        lights.scan.iter_mut().for_each(|(_, of)| of.light = (of.light / single).max(0.05));
         lights
     }
 
@@ -549,7 +549,7 @@ impl Made {
         // The film that the scan's particles lie on is not in a flow.
         let scatter = base.spec.optics.field.map_or(0.0, |field| field.focus.scatter_um);
         let is_scatter_left_out = source == Source::Found && scatter > 0.0;
-        let mut set = camera(recorded, base, recorded.background);
+        let mut set = camera(recorded, base, recorded.background, &out.join("background.tif"))?;
         if is_scatter_left_out {
             set.push(("optics.field.focus.scatter_um".to_owned(), "0".to_owned()));
         }
@@ -575,7 +575,8 @@ impl Made {
                 .collect();
             let rows = spheres(&centers, diameter_px(recorded, base), recorded.zero_um);
             let frames = recorded.depths_um.len() * repeats;
-            let mut set = camera(recorded, base, recorded.scan_background);
+            let background = out.join("scan_background.tif");
+            let mut set = camera(recorded, base, recorded.scan_background, &background)?;
             set.extend(tracks(&out.join("scan_particles.csv"), &rows, frames, base)?);
             images(&out.join("generated_scan"), set, options)?;
         }
@@ -612,9 +613,8 @@ impl Made {
             let is_inside =
                 |row: &TrackRow| (0.5..width).contains(&row.x_px) && (0.5..height).contains(&row.y_px);
             let rows: Vec<TrackRow> = self.centers.iter().map(row).filter(is_inside).collect();
-            let table = TrackRow::table(&[]).only(&["frame", "track", "x_px", "y_px", "z_um"]);
             let file = out.join("known.csv");
-            storage::save_bytes(&file, (table.header() + &table.text(&rows)).as_bytes())?;
+            save_tracks(&file, &rows, &[])?;
             truth.push(InputFile::from(file));
         }
         if !recorded.planes.is_empty() {
@@ -769,9 +769,9 @@ fn found_centers(result: &Path, recorded: &Recorded, lights: &Lights) -> Result<
             result.display()
         )));
     }
-    let mut used = BTreeMap::<(u32, i64), ()>::new();
+    let mut used = BTreeSet::new();
     let center = |(number, row): (usize, &results::TrackRow)| {
-        let is_new = row.track >= 0 && used.insert((row.frame, row.track), ()).is_none();
+        let is_new = row.track >= 0 && used.insert((row.frame, row.track));
         let id = if is_new { OTHERS + row.track as u64 } else { 2 * OTHERS + number as u64 };
         Center {
             frame: row.frame,
@@ -784,16 +784,30 @@ fn found_centers(result: &Path, recorded: &Recorded, lights: &Lights) -> Result<
     Ok(rows.iter().enumerate().map(center).collect())
 }
 
-/// Size of the images, and mean and standard deviation of the background.
-fn camera(recorded: &Recorded, base: &Scenario, [level, deviation]: [f64; 2]) -> Vec<(String, String)> {
+/// Size of the images, and mean, unevenness (in a file) and standard deviation of the background.
+fn camera(
+    recorded: &Recorded,
+    base: &Scenario,
+    [level, deviation]: [f64; 2],
+    file: &Path,
+) -> Result<Vec<(String, String)>> {
     let mut set = [("optics.pixel_dim_x", recorded.size.0), ("optics.pixel_dim_y", recorded.size.1)]
         .map(|(path, value)| (path.to_owned(), value.to_string()))
         .to_vec();
     let mut put = |path: &str, value: f64| set.push((path.to_owned(), format!("{value:?}")));
     match &base.spec.sensor {
         Some(sensor) if sensor.maps.is_none() => {
-            put("sensor.offset_counts", level);
+            put("sensor.offset_counts", 0.0);
             put("sensor.read_noise_e", deviation / sensor.gain_counts_per_e);
+            let (width, height) = recorded.size;
+            let counts = Counts::Unrounded(recorded.uneven.iter().map(|v| level as f32 + v).collect());
+            let image = Image { width, height, bits: Image::FLOAT_BITS, counts };
+            let scale = PixelScale::um_per_px(um_per_px(recorded, base));
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            tiff::write(&mut bytes, &image, &scale, &file.display().to_string())?;
+            storage::save_bytes(file, bytes.get_ref())?;
+            let path = file.canonicalize().map_err(|e| Error::read(file, e))?;
+            set.push(("sensor.maps".to_owned(), format!("(offset: {:?})", path.display().to_string())));
         }
         Some(_) => {}
         None => {
@@ -801,13 +815,18 @@ fn camera(recorded: &Recorded, base: &Scenario, [level, deviation]: [f64; 2]) ->
             put("optics.background_noise", deviation);
         }
     }
-    set
+    Ok(set)
+}
+
+fn save_tracks(file: &Path, rows: &[TrackRow], more: &[&str]) -> Result<()> {
+    let columns = [&["frame", "track", "x_px", "y_px", "z_um"], more].concat();
+    let table = TrackRow::table(&[]).only(&columns);
+    storage::save_bytes(file, (table.header() + &table.text(rows)).as_bytes())
 }
 
 /// Writes a table of tracks, and what makes a scenario use it.
 fn tracks(file: &Path, rows: &[TrackRow], frames: usize, base: &Scenario) -> Result<Vec<(String, String)>> {
-    let table = TrackRow::table(&[]).only(&["frame", "track", "x_px", "y_px", "z_um", "c_int"]);
-    storage::save_bytes(file, (table.header() + &table.text(rows)).as_bytes())?;
+    save_tracks(file, rows, &["c_int"])?;
     let path = file.canonicalize().map_err(|e| Error::read(file, e))?;
     let [_, d_um, _] = base.diameters_um();
     let depths = rows.iter().map(|row| row.z_um);

@@ -38,6 +38,7 @@ mod spheroids;
 mod spots;
 mod stack;
 mod templates;
+mod uneven;
 
 pub use calibration::{check as check_calibration, zero_um};
 pub use gray_image::{GrayImage, Spline};

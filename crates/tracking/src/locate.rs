@@ -57,6 +57,8 @@ pub(super) struct Locator<I> {
     step_um: f64,
     /// Whether standard deviations of positions are reported.
     has_deviations: bool,
+    /// Whether the background may be uneven, which images of a model do not contain.
+    is_uneven: bool,
     /// Diameters of the images, um, if they are reported; of all `images` that diameters are fitted with, the first are
     /// those of the search.
     diameters_um: Vec<f64>,
@@ -129,12 +131,25 @@ impl<I: ParticleImages> Locator<I> {
     ) -> Self {
         let step_um = templates.iter().flatten().map(Templates::step_um).fold(f64::INFINITY, f64::min);
         let coarse = Coarse::new(templates, places, noise);
-        Locator { images, error, coarse, step_um, has_deviations: false, diameters_um: Vec::new() }
+        Locator {
+            images,
+            error,
+            coarse,
+            step_um,
+            has_deviations: false,
+            is_uneven: false,
+            diameters_um: Vec::new(),
+        }
     }
 
     /// The same with standard deviations of positions, which images without errors of their own determine.
     pub(super) fn with_deviations(self) -> Self {
         Locator { has_deviations: true, ..self }
+    }
+
+    /// The same for frames of a recording, whose background may be uneven.
+    pub(super) fn on_uneven(self, is_uneven: bool) -> Self {
+        Locator { is_uneven, ..self }
     }
 
     /// The same with the diameter of each particle: of several `calibrated_um`, that of the images which it resembles most.
@@ -175,6 +190,12 @@ impl<I: ParticleImages> Locator<I> {
 
     /// Localizes the particles of an image and counts the rejected candidates.
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
+        let mut image = image.clone();
+        if self.is_uneven {
+            let uneven = image.unevenness();
+            image.counts.iter_mut().zip(uneven).for_each(|(count, uneven)| *count -= uneven);
+        }
+        let image = &image;
         let Found { level, noise, particles, rejections } = self.coarse.find(image);
         let images = self.images.iter().map(|templates| templates as &dyn ParticleImages).collect();
         let searched = self.coarse.templates.first().map_or(0, |place| place.sizes.len());

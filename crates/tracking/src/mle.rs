@@ -83,7 +83,8 @@ struct ModelImages {
 fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
-    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.frame_noise(noise));
+    let recorded = RecordedNoise::read(job.dataset)?;
+    let noise = recorded.map_or(noise, |recorded| recorded.frame_noise(noise));
     let manifest = job.dataset.manifest()?;
     let sensor = manifest.microsig.sensor.as_ref().map(|sensor| [sensor.width_px, sensor.height_px]);
     let (mut search, mut images) = (Vec::<Vec<Templates>>::new(), Vec::new());
@@ -104,6 +105,7 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let ladder = if job.options.fit_diameter { ladder(&images) } else { Vec::new() };
     let diameters_um = images.iter().map(|model| model.d_um).collect();
     let locator = Locator::over_field(search, places, images, MODEL_ERROR, noise).with_deviations();
+    let locator = locator.on_uneven(recorded.is_some());
     Ok(if ladder.is_empty() { locator.with_classes(diameters_um) } else { locator.with_diameters(ladder) })
 }
 
