@@ -543,7 +543,7 @@ pub(super) fn sensor(labels: &AxisLabels<'_>, size_px: (f64, f64), marks: &Marks
 }
 
 /// Maximum number of labels of a horizontal axis.
-const ACROSS: usize = 7;
+pub(super) const ACROSS: usize = 7;
 
 /// Minimum ratio of the largest to the smallest value of a logarithmic axis.
 const LOGARITHMIC: f64 = 10.0;

@@ -13,8 +13,7 @@ use serde_json::Value;
 
 use super::figure::figure_of;
 use super::leaderboard::{Entry, axis_text, order_of_axes, short_key};
-use super::log_axis::{ACROSS, is_logarithmic};
-use super::plots::{Across, AxisLabels, MOST_LINES, Series, panels};
+use super::plots::{ACROSS, Across, AxisLabels, MOST_LINES, Series, is_logarithmic, panels};
 use scoring::evaluate::Score;
 use scoring::evaluate::statistics::{Errors, Interval};
 use scoring::ranking::SCORES;

@@ -276,11 +276,11 @@ mod tests {
         let (progress, reports) = Progress::asked();
         let tables = Tables::new(None, progress);
         let message = || tables.bar.lock().unwrap().1.as_ref().map(|bar| bar.bar.message());
-        tables.begun(2);
-        tables.made();
+        tables.tables_started(2);
+        tables.table_finished();
         assert_eq!((reports.now(), message().as_deref()), (Some(("image tables", 1, 2)), Some("")));
-        tables.made();
-        tables.begun(1);
+        tables.table_finished();
+        tables.tables_started(1);
         assert_eq!(message().as_deref(), Some("2 more made before"));
         assert_eq!(reports.now(), Some(("image tables", 0, 1)));
     }
