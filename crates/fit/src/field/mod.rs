@@ -74,9 +74,6 @@ const MOST: [usize; 2] = [40, 8];
 /// A particle is not single if its chi2 exceeds the median of all by this factor.
 const DOUBLE: f64 = 1.8;
 
-/// The largest aperture that is tried is at least this multiple of that of the start.
-const HEADROOM: f64 = 1.25;
-
 /// Shares of the time after which the refinement and the last images begin; measured with 17 particles.
 const REFINING: f64 = 0.65;
 const COMPARING: f64 = 0.89;
@@ -117,8 +114,7 @@ pub fn fit_waves(scan: &Scan, options: &WaveOptions, watch: Watch<'_>) -> Result
     watch("starts", None);
     let mut start = subjects[0].best_start()?;
     // Particles near focus do not fill their windows.
-    let largest_na = (HEADROOM * start[NA]).clamp(subjects[0].largest_na, particle::LARGEST_NA);
-    subjects.iter_mut().for_each(|subject| subject.largest_na = largest_na);
+    subjects.iter_mut().for_each(|subject| subject.largest_na = particle::LARGEST_NA);
     if !frames.is_noise_measured {
         watch("noise of residuals", None);
         let fit = subjects[0].fit(&start, free, FINE, STEPS)?;
