@@ -124,7 +124,7 @@ def memory(batches: int) -> tuple[float, float, int]:
 def machine() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown CPU")
-    return f"{model}, one core, Linux {platform.release()}, Python {platform.python_version()}, NumPy {np.__version__}"
+    return f"{model}, one core, Linux {platform.release().split("-")[0]}, Python {platform.python_version()}, NumPy {np.__version__}"
 
 
 def main() -> None:
@@ -162,7 +162,8 @@ def main() -> None:
             f"`Stream` makes {rate:.1f} pairs a CPU second, {rate / own:.1f} times as many as SynthPix's own stream ({own:.1f}) and "
             f"{rate / function:.1f} times as many as its compiled function alone ({function:.1f}; {versions})."
         )
-    before, most, size = memory(10_000)
+    batches = 10_000
+    before, most, size = memory(batches)
     template = (Path(__file__).parent / "speed.md.in").read_text(encoding="utf-8")
     report = template.format(
         machine=machine(),
@@ -171,6 +172,8 @@ def main() -> None:
         repeats=REPEATS,
         rows="\n".join(rows),
         compared=compared,
+        batches=batches,
+        date=time.strftime("%Y-%m-%d"),
         before=before,
         most=most,
         size=size / 1e3,
