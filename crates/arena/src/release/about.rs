@@ -141,6 +141,11 @@ impl ReleaseTexts<'_> {
         text
     }
 
+    /// Whether depths are scored.
+    pub(super) fn scores_depth(&self) -> bool {
+        self.rules.as_ref().and_then(|rules| rules.dims).map_or(!self.in_focus, |dims| dims == 3)
+    }
+
     fn focus(&self) -> &'static str {
         if self.in_focus { "all in focus" } else { "out of focus" }
     }

@@ -128,6 +128,7 @@ fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
     );
     let is_shown = |def: &&ScoreDef| match def.subject {
         Subject::Field => about.scored.contains(&ResultKind::Fields),
+        Subject::Particles if def.path.starts_with("gdpt.") => !about.is_for_fields() && about.scores_depth(),
         Subject::Particles => !about.is_for_fields(),
         Subject::Planes => false,
     };
