@@ -173,8 +173,8 @@ impl<L: PlaneLayout> DepthTable<L> {
     pub(super) fn read(bytes: &[u8]) -> Option<Self> {
         let table: Self = postcard::from_bytes(bytes).ok()?;
         let images = table.field.count().checked_mul(table.radii.len())?;
-        let sizes = [table.planes].into_iter().chain(table.layout.sizes());
-        let all = sizes.fold(Some(images), |all, size| all?.checked_mul(size))?;
+        let mut sizes = [table.planes].into_iter().chain(table.layout.sizes());
+        let all = sizes.try_fold(images, usize::checked_mul)?;
         let fits =
             all == table.coefficients.len() && table.reach_px.len() == table.planes && table.planes >= 4;
         fits.then_some(table)
