@@ -367,8 +367,8 @@ impl<'a> Sweep<'a> {
         };
         let figure = |layout: &Layout<'_>| {
             let y = ["bias of u, px", "bias of v, px"][component];
-            let labels = AxisLabels { x: "fraction of the displacement, px", y, title: y };
-            let caption = "bias against the fraction of the displacement, which shows peak locking: displacements that differ by whole \
+            let labels = AxisLabels { x: "fractional displacement, px", y, title: y };
+            let caption = "bias against the fractional displacement, which shows peak locking: displacements that differ by whole \
                            pixels are faint dots, their mean a line; bars are random errors";
             shown(labels, &layout.drawn(of_line), &Across::Linear, caption)
         };
@@ -535,7 +535,7 @@ mod tests {
         let scores = [of("(0.0, 0, 0)", 0.0), of("(32.25, 0, 0)", 0.03), of("(161.25, 0, 0)", 0.05)];
         let found = pages(&scores);
         assert!(
-            found[0].contains("fraction of the displacement, px") && found[0].contains("bias of u, px"),
+            found[0].contains("fractional displacement, px") && found[0].contains("bias of u, px"),
             "{}",
             found[0]
         );
