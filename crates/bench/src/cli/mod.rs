@@ -1,6 +1,6 @@
 //! The `microsig` command: one file per verb, with its arguments and its action.
 //!
-//! A new verb needs a file here and a line in each of two lists: of modules, and of [`Verb`].
+//! A new verb needs a file here and a line in each of two lists: of modules, and of `Verb`.
 
 mod about;
 mod check_submission;

@@ -345,12 +345,12 @@ impl Source<'_> {
     }
 }
 
-/// The true fields in a dataset's folder, as [`of_rows`].
+/// The true fields in a dataset's folder, as [`from_rows`].
 pub fn from_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
     from_recording(dataset, RecordingFacts::read(dataset)?, plane_um)
 }
 
-/// [`of_dataset`] of a folder, or of a dataset in memory.
+/// [`from_dataset`] of a folder, or of a dataset in memory.
 pub fn from_place(dataset: &DatasetPlace) -> Result<TrueFields> {
     match dataset {
         DatasetPlace::Folder(folder) => {
@@ -360,7 +360,7 @@ pub fn from_place(dataset: &DatasetPlace) -> Result<TrueFields> {
     }
 }
 
-/// The true fields of a dataset in memory, as [`of_rows`], with its flow.
+/// The true fields of a dataset in memory, as [`from_rows`], with its flow.
 pub fn from_memory(made: &MemoryDataset, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
     let what = "this dataset has no true displacement field; score particles";
     let rows = made.field()?.ok_or_else(|| Error::input(what))?;
@@ -380,7 +380,7 @@ pub(in super::super) fn flow_of_dataset(
     Ok(flow.map(|flow| Arc::new(flow) as Arc<dyn TrueFlow>))
 }
 
-/// [`of_dataset`] with the facts that its manifest gives.
+/// [`from_dataset`] with the facts that its manifest gives.
 pub(in super::super) fn from_recording(
     dataset: &Path,
     facts: RecordingFacts,
