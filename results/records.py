@@ -69,7 +69,7 @@ def machine(program):
     version = subprocess.run([program, "--version"], capture_output=True, text=True).stdout.strip()
     build = "the build given by $MICROSIG" if "MICROSIG" in os.environ else "default release build"
     system = f"{platform.system().lower()} {platform.release().split('-')[0]}"
-    return f"{version}, {name}, {os.cpu_count()} cores, {system}, {rustc}, {build}; load when it began {os.getloadavg()[0]:.2f}"
+    return f"{version}, {name}, {os.cpu_count()} cores, {system}, {rustc}, {build}; load average at the start {os.getloadavg()[0]:.2f}"
 
 
 def environment(requirements):
