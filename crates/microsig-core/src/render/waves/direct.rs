@@ -15,19 +15,11 @@ pub struct SingleImages {
     frame: Frame,
     exposure: Exposure,
     radius_um: f64,
-    /// Half the distance of the two images of a difference, um.
-    step_um: f64,
 }
 
 impl WavesRenderer {
-    /// Images of spheres of the diameter `d_um` (0 for a point) at these depths (um, from and to), on pixels
-    /// up to `edge_px` from the particle along both axes.
-    pub fn single_images(&self, [from_um, to_um]: [f64; 2], d_um: f64, edge_px: [usize; 2]) -> SingleImages {
-        let model = self.model.model.with_share(self.model.model.share, 1.0);
-        self.single_images_of(model, [from_um, to_um], d_um, edge_px)
-    }
-
-    /// The same at a place of the field with these optics. Depths are distances from the surface in focus.
+    /// Images of spheres of the diameter `d_um` (0 for a point) at a place of the field with these optics, on pixels up to
+    /// `edge_px` from the particle along both axes. Depths (um, from and to) are distances from the surface in focus.
     pub fn single_images_at(
         &self,
         local: &LocalOptics,
@@ -49,12 +41,10 @@ impl WavesRenderer {
         d_um: f64,
         edge_px: [usize; 2],
     ) -> SingleImages {
-        let step_um = self.model.depth_step_um();
         let radius_um = 0.5 * d_um;
-        let (from_um, to_um) = (from_um - step_um, to_um + step_um);
         let frame = model.frame(Scope { from_um, to_um, radius_um, edge_px, fineness: 1.0 });
         let exposure = model.exposure(&frame, libm::ceil(3.0 * model.sharpest()).max(2.0) as usize);
-        SingleImages { model, frame, exposure, radius_um, step_um }
+        SingleImages { model, frame, exposure, radius_um }
     }
 
     /// Light on pixels whose centers are at `places` relative to a particle, px, as a fraction of its light
@@ -85,19 +75,5 @@ impl SingleImages {
     pub fn share_slopes(&self, z_um: f64, places: &[[f64; 2]]) -> Vec<[f64; 3]> {
         let plane = self.plane(z_um);
         places.iter().map(|&place| self.exposure.evaluate(&plane, place)).collect()
-    }
-
-    /// The same with the derivatives with respect to the position of the pixel (1/px) and the depth of the
-    /// particle (1/um): value, d/dx, d/dy, d/dz.
-    pub fn share_gradients(&self, z_um: f64, places: &[[f64; 2]]) -> Vec<[f64; 4]> {
-        let step = self.step_um;
-        let plane = self.plane(z_um);
-        let (low, high) = (self.plane(z_um - step), self.plane(z_um + step));
-        let by_z: Vec<f64> = low.iter().zip(&high).map(|(low, high)| (high - low) / (2.0 * step)).collect();
-        let gradient = |&place: &[f64; 2]| {
-            let [value, by_x, by_y] = self.exposure.evaluate(&plane, place);
-            [value, by_x, by_y, self.exposure.evaluate(&by_z, place)[0]]
-        };
-        places.iter().map(gradient).collect()
     }
 }

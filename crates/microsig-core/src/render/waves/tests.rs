@@ -502,8 +502,8 @@ fn slices_are_as_accurate_as_modes() {
         let [broken, coarse] =
             [1e-3, 1e-2].map(|tolerance| WavesRenderer::new(&settings, &optics, tolerance).unwrap());
         for z_um in [-20.0, 0.0, 6.0, 40.0] {
-            let [a, b, coarse] = [&round, &broken, &coarse]
-                .map(|renderer| renderer.single_images([z_um, z_um], d_um, [12, 12]).shares(z_um, &places));
+            let [a, b, coarse] =
+                [&round, &broken, &coarse].map(|renderer| renderer.share_at(z_um, d_um, &places));
             let peak = a.iter().copied().fold(0.0, f64::max);
             let differ = |b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / peak;
             let [most, coarse] = [differ(&b), differ(&coarse)];
