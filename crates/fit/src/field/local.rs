@@ -129,12 +129,15 @@ impl Instrument {
 /// Margin of images beyond the window, px, for displaced particles.
 const MARGIN_PX: usize = 3;
 
-/// Values clamped to those that can be rendered, with an aperture of at most `largest_na`.
-pub(super) fn bounded(mut local: Local, largest_na: f64) -> Local {
-    local[NA] = local[NA].clamp(0.02, largest_na);
+/// Largest aperture that is tried.
+pub(super) const LARGEST_NA: f64 = 0.95;
+
+/// Values clamped to those that can be rendered.
+pub(super) fn bounded(mut local: Local) -> Local {
+    local[NA] = local[NA].clamp(0.02, LARGEST_NA);
     local[MERIDIONAL] = local[MERIDIONAL].clamp(0.5, 1.5);
     if local[MERIDIONAL] > 1.0 {
-        local[NA] = local[NA].min(largest_na / local[MERIDIONAL]);
+        local[NA] = local[NA].min(LARGEST_NA / local[MERIDIONAL]);
     }
     // A blur of 0 is not fitted.
     if local[BLUR] != 0.0 {

@@ -113,8 +113,6 @@ pub fn fit_waves(scan: &Scan, options: &WaveOptions, watch: Watch<'_>) -> Result
     let (mut subjects, found) = subjects::of(scan, &frames, &instrument, (&candidates, fitted), half, most)?;
     watch("starts", None);
     let mut start = subjects[0].best_start()?;
-    // Particles near focus do not fill their windows.
-    subjects.iter_mut().for_each(|subject| subject.largest_na = particle::LARGEST_NA);
     if !frames.is_noise_measured {
         watch("noise of residuals", None);
         let fit = subjects[0].fit(&start, free, FINE, STEPS)?;
@@ -191,7 +189,7 @@ fn about_field(subject: &Subject, free: &[usize], at_field: &Local) -> Result<Fi
     if let Some(step) = fit.quadratic.matrix.solve(&fit.quadratic.right) {
         free.iter().zip(step).for_each(|(&quantity, by)| local[quantity] += by);
     }
-    Ok(Fit { local: bounded(local, subject.largest_na), ..fit })
+    Ok(Fit { local: bounded(local), ..fit })
 }
 
 fn instrument(options: &WaveOptions) -> Instrument {

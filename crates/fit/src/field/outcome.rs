@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::dependence::{Coefficient, FEWEST, FEWEST_OF_FOCUS, FieldDependence, LIGHT, SCATTER};
 use super::frames::Frames;
-use super::local::{DIAMETER, FOCUS, NA, QUANTITIES, X, Y};
+use super::local::{DIAMETER, FOCUS, LARGEST_NA, NA, QUANTITIES, X, Y};
 use super::particle::{Fit, Subject};
 use super::{WaveOptions, evenly, median, output};
 use crate::outcome::{Verdict, excess_sd, sentence, verdict};
@@ -229,12 +229,12 @@ impl Outcome<'_> {
                 unresolved.join(", ")
             ));
         }
-        let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * subjects[**k].largest_na;
+        let is_bounded = |k: &&usize| fits[**k].local[NA] >= 0.999 * LARGEST_NA;
         let bounded = singles.iter().filter(is_bounded).count();
         if bounded > 0 {
             warnings.push(format!(
-                "the numerical aperture of {bounded} of {} single particles is the largest that is tried with such windows: their \
-                 images do not fit into them; set a larger window or omit the planes with the largest images",
+                "the numerical aperture of {bounded} of {} single particles is the largest that is tried, {LARGEST_NA}: check \
+                 magnification, pixel size and steps of the stage, or set a larger window",
                 singles.len()
             ));
         }

@@ -21,7 +21,6 @@ use storage::error::Result;
 /// Initial apertures. Larger ones than one that is worse than a smaller one by this factor are not tried.
 const MUCH_WORSE: f64 = 1.3;
 const APERTURES: [f64; 9] = [0.1, 0.15, 0.22, 0.32, 0.45, 0.6, 0.75, 0.87, 0.95];
-pub(super) const LARGEST_NA: f64 = 0.95;
 
 /// Relative difference from which two apertures are different starts.
 const OTHER: f64 = 0.1;
@@ -57,8 +56,6 @@ pub(super) struct Subject<'a> {
     pub(super) toward: [f64; 2],
     /// For each plane that is used, the pixels that are; empty: all.
     pub(super) masks: Vec<Vec<bool>>,
-    /// Largest aperture that is tried.
-    pub(super) largest_na: f64,
 }
 
 /// The images of a plane and how well the model agrees.
@@ -340,7 +337,7 @@ impl Subject<'_> {
 
     /// The best values of the quantities `free`, from a start.
     pub(super) fn fit(&self, start: &Local, free: &[usize], tolerance: f64, steps: usize) -> Result<Fit> {
-        let start = bounded(*start, self.largest_na);
+        let start = bounded(*start);
         let (images, mut differences) = self.model(&start, free, tolerance)?;
         let mut fit = self.normal(&start, &images, &differences, free);
         let mut damping = 1e-3;
@@ -413,7 +410,6 @@ impl Subject<'_> {
             planes: some.iter().map(|i| self.planes[*i]).collect(),
             masks: some.iter().filter_map(|i| self.masks.get(*i).cloned()).collect(),
             window: self.window.clone(),
-            largest_na: LARGEST_NA,
             ..*self
         }
     }
@@ -477,15 +473,6 @@ impl Subject<'_> {
         longest
     }
 
-    /// The aperture of images that are wider than the window through half of the depth range. Unless images show a larger one
-    /// near focus, none is, and the images of larger ones take long.
-    pub(super) fn window_na(&self) -> f64 {
-        let [low, high] = self.range_um();
-        let reach_um = 1.5 * self.half as f64 / self.instrument.px_per_um();
-        let tangent = reach_um / (0.5 * (high - low)).max(1e-3);
-        (tangent / libm::sqrt(1.0 + tangent * tangent)).clamp(0.1, LARGEST_NA)
-    }
-
     /// The pixels of a fit, to tell the noise of one frame from errors of the model.
     pub(super) fn residuals(&self, fit: &Fit) -> Vec<Pixel> {
         let of_plane = |(index, seen): (usize, &Seen)| {
@@ -523,7 +510,7 @@ impl Subject<'_> {
                 for (&quantity, by) in fit.free.iter().zip(&step) {
                     next[quantity] += by.clamp(-longest[quantity], longest[quantity]);
                 }
-                let next = bounded(next, self.largest_na);
+                let next = bounded(next);
                 let images = self.images(&next, tolerance)?;
                 let after = self.misfit(&images, fit);
                 if after < before {

@@ -14,8 +14,8 @@ use storage::error::{Error, Result};
 /// Number of planes that are used.
 const PLANES: usize = 17;
 
-/// At most so many particles to fit, chosen from the first candidates nearest to the center, and the number of those that
-/// could be.
+/// Up to `most` particles to fit, nearest to the center first and spread over the field, chosen from the first `fitted`
+/// candidates; and the number of candidates that can be fitted.
 pub(super) fn of<'a>(
     scan: &Scan,
     frames: &'a Frames,
@@ -42,7 +42,6 @@ pub(super) fn of<'a>(
             place_mm: [x, y],
             toward: if r > 0.0 { [x / r, y / r] } else { [1.0, 0.0] },
             masks: Vec::new(),
-            largest_na: 0.0,
         }
     };
     let (windows, [cut, saturated]) = windows(scan, &candidates[..fitted], half);
@@ -51,7 +50,6 @@ pub(super) fn of<'a>(
     for subject in &mut all {
         let masks = subject.planes.iter().map(|plane| mask(subject, candidates, *plane, &rough));
         subject.masks = masks.collect();
-        subject.largest_na = subject.window_na();
     }
     let uncut = all.len();
     all.retain(Subject::is_clear);
