@@ -190,12 +190,8 @@ impl<I: ParticleImages> Locator<I> {
 
     /// Localizes the particles of an image and counts the rejected candidates.
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
-        let mut image = image.clone();
-        if self.is_uneven {
-            let uneven = image.unevenness();
-            image.counts.iter_mut().zip(uneven).for_each(|(count, uneven)| *count -= uneven);
-        }
-        let image = &image;
+        let even = self.is_uneven.then(|| image.evened());
+        let image = even.as_ref().unwrap_or(image);
         let Found { level, noise, particles, rejections } = self.coarse.find(image);
         let images = self.images.iter().map(|templates| templates as &dyn ParticleImages).collect();
         let searched = self.coarse.templates.first().map_or(0, |place| place.sizes.len());

@@ -15,6 +15,13 @@ const ROUNDS: usize = 5;
 const TERMS: usize = 6;
 
 impl GrayImage {
+    /// The image without the unevenness of its background.
+    pub(crate) fn evened(&self) -> Self {
+        let mut even = self.clone();
+        even.counts.iter_mut().zip(self.unevenness()).for_each(|(count, uneven)| *count -= uneven);
+        even
+    }
+
     /// The background less its mean, row by row: a polynomial of second degree through the darker halves of squares. 0
     /// in small images.
     pub fn unevenness(&self) -> Vec<f32> {
