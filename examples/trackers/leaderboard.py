@@ -35,7 +35,7 @@ MODEL = ["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbu
 # name: arguments of `microsig track`, tracks and cases, whether it measures depth, purpose
 OWN = {
     "spots": ("spots", ["P2", "T"], False, "particles in focus, in the image plane"),
-    "ncc": ("ncc", MODEL, True, "defocused images that resemble those of the calibration stack (GDPT)"),
+    "ncc": ("ncc", MODEL, True, "defocused particle images similar to the calibration stack (GDPT)"),
     "ncc-spheroid": (
         "ncc --shape spheroid", ["S"], True,
         "rods and discs whose images resemble those of the optical model at some tilt; their common aspect ratio is measured",
