@@ -1,8 +1,8 @@
 """Makes the records of speed and those that are derived from runs of the command:
 
-    python3 results/records.py [performance instructions peers scoring baselines scenarios ...] [--repeats 5] [--only TEXT] [--out results]
+    python3 results/records.py [performance instructions peers scoring waits baselines scenarios ...] [--repeats 5] [--only TEXT] [--out results]
 
-Without names: performance, instructions, peers and scoring, 20 to 40 minutes of an otherwise idle machine. The command is $MICROSIG, or the
+Without names: performance, instructions, peers, scoring and waits, 20 to 40 minutes of an otherwise idle machine. The command is $MICROSIG, or the
 release build, which is built if necessary. Times are those of whole processes (`getrusage`): CPU time is user and system time of all threads.
 `instructions --against results/performance/instructions/counts.csv` exits with code 1 if a count has grown by more than 2 %.
 """
@@ -366,6 +366,64 @@ def peers(program, out, options):
     save(out, text + table(head, lines) + "The goal is 10 times SynthPix.\n", rows)
 
 
+# --- waits: places where a user waits, before and after ----------------------------------------------------------------------------------
+
+
+def waits(program, out, options):
+    if not options.before:
+        return print("skipped: needs --before PROGRAM of an earlier version")
+    quick, number = ROOT / "scenarios/quickstart.ron", lambda n: f"--set=particles.number=count({n})"
+    shown = lambda *names: [f"--set=render.{name}" for name in names]
+    infocus = [ROOT / "scenarios/piv_gaussian.ron", "--set=particles.number=ppp(0.005)"]
+    large = ["--set=optics.pixel_dim_x=8192", "--set=optics.pixel_dim_y=8192", "--set=timing=pairs(count: 1)", number(10_000)]
+    with tempfile.TemporaryDirectory() as scratch:
+        scratch = Path(scratch)
+        sizes = rays(scratch, SETTING_1, 20, 500, d=(1.5, 2.5), mode=("--mode", "waves", "--wavelength", "0.52"))
+        # work, repeats, dataset to track or None, arguments
+        works = [
+            ("`track --method ncc`, quickstart", 3, [quick], ["track", "--method", "ncc"]),
+            ("`track --method mle`, quickstart", 3, [quick], ["track", "--method", "mle"]),
+            ("`track --method spots`, 20 images of 512 x 512 px", 3, infocus, ["track", "--method", "spots"]),
+            ("`track --method aptv`, quickstart_astigmatic", 3, [ROOT / "scenarios/quickstart_astigmatic.ron"], ["track", "--method", "aptv"]),
+            ("`track --method piv`, 10 pairs", 3, [ROOT / "scenarios/piv_gaussian.ron"], ["track", "--method", "piv"]),
+            ("`generate`, walls of a channel, 2 images of 128 x 128 px", 3, None)
+            + ([*spots(scratch, 128, 0.03, "pairs(count: 1)"), "--set=motion=flow(field: poiseuille(max_speed_um_s: 1000))", "--set=boundaries.z=wall"],),
+            ("`generate`, `expected`, 100 images of 500 particles", 3, None)
+            + (["generate", quick, *shown("mode=expected"), number(500), "--set=timing=pairs(count: 50)"],),
+            ("`render --mode waves`, 20 images of 500 particles of 1.5 to 2.5 um", 3, None, sizes),
+            ("`generate objective_20x_cylinder` (waves)", 1, None, ["generate", ROOT / "scenarios/objective_20x_cylinder.ron"]),
+            ("`generate`, a pair of 8192 x 8192 px, 10,000 particles", 1, None, ["generate", quick, *large]),
+        ]
+        lines, rows = [], []
+        for name, repeats, dataset, arguments in works:
+            if options.only not in name:
+                continue
+            usage = {"before": [], "now": []}
+            for _ in range(repeats):
+                for which, binary in (("before", options.before), ("now", program)):
+                    # Each version makes its own dataset, and its tables anew in an empty cache.
+                    env = dict(os.environ, XDG_CACHE_HOME=tempfile.mkdtemp(dir=scratch))
+                    data, made = scratch / which, scratch / "made"
+                    if dataset and not data.exists():
+                        measured([binary, "--quiet", "generate", *dataset, "--out", data], env=env)
+                    target = [made] if arguments[0] == "render" else ["--out", made]
+                    usage[which].append(measured([binary, "--quiet", *arguments, *[data] * bool(dataset), *target], env=env)[0])
+                    shutil.rmtree(made) if made.is_dir() else made.unlink()
+            for which in usage:
+                shutil.rmtree(scratch / which, ignore_errors=True)
+            cpu, peak = ({which: statistics.median(u[k] for u in several) for which, several in usage.items()} for k in (1, 2))
+            rows.append(dict(work=name, **{f"{k}_cpu_s": round(v, 3) for k, v in cpu.items()}, **{f"{k}_mb": round(v) for k, v in peak.items()}))
+            lines.append([name, f"{cpu['before']:.3g}", f"{cpu['now']:.3g}", f"{cpu['before'] / cpu['now']:.2g}", *(f"{v:.0f}" for v in peak.values())])
+            print(*lines[-1], sep=" | ", flush=True)
+    before = measured([options.before, "--version"])[1].strip()
+    text = (
+        f"# Where users wait, before and now\n\nMade by `python3 results/records.py waits --before PROGRAM` with {before} as PROGRAM and "
+        f"{machine(program)}.\n\nWhole runs with an empty cache of tables and all threads, interleaved; medians of up to 3. CPU time is user "
+        "and system time of all threads.\n\n"
+    )
+    save(out, text + table(["work", "before, CPU s", "now, CPU s", "before / now", "before, peak MB", "now, peak MB"], lines), rows)
+
+
 # --- scoring: a million points, and frames with many neighbors within the gate ----------------------------------------------------------
 
 
@@ -549,10 +607,11 @@ RECORDS = {
     "instructions": instructions,
     "peers": peers,
     "scoring": scoring,
+    "waits": waits,
     "baselines": baselines,
     "scenarios": scenarios,
 }
-PLACES = {"instructions": "performance/instructions"}
+PLACES = {"instructions": "performance/instructions", "waits": "performance/waits"}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -560,8 +619,9 @@ if __name__ == "__main__":
     parser.add_argument("--repeats", type=int, default=5, help="number of runs of each workload")
     parser.add_argument("--only", default="", help="only groups whose name contains this text")
     parser.add_argument("--against", type=Path, help="counts.csv of an earlier version to compare instructions with")
+    parser.add_argument("--before", type=Path, help="program of an earlier version to compare waits with")
     parser.add_argument("--out", type=Path, default=HERE, help="folder of the records")
     options = parser.parse_args()
     program = os.environ.get("MICROSIG") or built("microsig")
-    for name in options.records or list(RECORDS)[:4]:
+    for name in options.records or list(RECORDS)[:5]:
         RECORDS[name](program, options.out / PLACES.get(name, name), options)
