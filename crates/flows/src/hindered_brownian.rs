@@ -190,16 +190,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "slow: .ci/full"]
-    fn spheres_between_plates_stay_uniform_over_a_million_steps() {
-        for h in STEPS_S {
-            let found = chi_square(&heights(20_000, 50, h), 50);
-            // 49 degrees of freedom: 85.4 is exceeded with a probability of 0.1 %.
-            assert!(found < 85.4, "{h}: {found}");
-        }
-    }
-
-    #[test]
     fn spheres_in_a_tube_stay_uniform() {
         let tube = Tube::new(&TubeParams {
             radius_um: Some(0.6),

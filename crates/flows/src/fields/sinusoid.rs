@@ -111,19 +111,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_way_of_an_angle_obeys_its_law() {
-        for angle in [-7.0, -1.0, 0.0, 0.5, 3.0, 9.0] {
-            let there = sine_displacement(angle, 2.0, 0.4);
-            let expected = libm::tan(0.5 * angle) * libm::exp(0.8);
-            let found = libm::tan(0.5 * (angle + there));
-            assert!((found - expected).abs() < 1e-12 * (1.0 + expected * expected), "{angle}");
-            // The angle never crosses a multiple of pi, and the motion is reversible.
-            assert!(there.abs() < PI);
-            assert!((sine_displacement(angle + there, 2.0, -0.4) + there).abs() < 1e-13);
-        }
-    }
-
-    #[test]
     fn the_default_moves_by_three_px_at_most_over_64_px() {
         let field = Sinusoid::new(&SinusoidParams::default()).unwrap();
         let way = field.flow_map(DVec3::new(0.0, 0.25 * 41.28, 0.0), 0.0, 0.005).unwrap().x;
