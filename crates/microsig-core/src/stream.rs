@@ -268,12 +268,20 @@ mod tests {
     fn an_address_is_a_stream_of_its_own() {
         let streams = Streams::new(7);
         let first = |purpose, frame, row| streams.stream(purpose, frame, row).next_u64();
+        let of_seed = |seed: u64, frame: u32| Streams::new(seed).stream(Purpose::Rays, frame, 0).next_u64();
         let numbers = [
             first(Purpose::Rays, 0, 0),
             first(Purpose::Rays, 0, 1),
             first(Purpose::Rays, 1, 0),
+            first(Purpose::Rays, 256, 0),
+            first(Purpose::Rays, 65_536, 0),
             first(Purpose::BackgroundNoise, 0, 0),
-            Streams::new(8).stream(Purpose::Rays, 0, 0).next_u64(),
+            first(Purpose::CalibrationNoise, 0, 0),
+            of_seed(8, 0),
+            of_seed(7 + (1 << 32), 0),
+            // Parts of an address are not added.
+            of_seed(6, 1),
+            of_seed(0, 7),
         ];
         for (i, a) in numbers.iter().enumerate() {
             assert!(numbers[i + 1..].iter().all(|b| a != b));
