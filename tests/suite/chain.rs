@@ -180,6 +180,36 @@ fn the_same_result_has_the_same_score_wherever_it_is_scored() {
     assert!(readme.contains("within 0.5 px in the image plane, in the image plane"), "{readme}");
 }
 
+/// The flow is the same as in train, which participants must know.
+#[test]
+fn a_released_case_of_fields_takes_fields() {
+    let c = &*RELEASED;
+    let (case, dataset) = c.cases.iter().find(|(case, _)| case.starts_with("V/")).unwrap();
+    let readme = fs::read_to_string(c.out.join("public").join(case).join("README.md")).unwrap();
+    assert!(readme.contains("A challenge for PIV"), "{readme}");
+    assert!(readme.contains("`truth/field.csv` of train is also the field of test"), "{readme}");
+    let place = tempfile::tempdir().unwrap();
+    unpack(&c.out.join("public").join(case).join(format!("{dataset}-test.zip")), place.path());
+    let test = place.path().join(format!("{dataset}-test"));
+    assert!(fs::read_to_string(test.join("README.md")).unwrap().contains("dx_px, dy_px, flag"));
+    let submission = test.join("submission");
+    let header = fs::read_to_string(submission.join("results.csv")).unwrap();
+    assert_eq!(header, "pair,x_px,y_px,dx_px,dy_px,flag\n");
+
+    let bundle = place.path().join("bundle");
+    unpack(&c.out.join(case).join("withheld/codabench.zip"), &bundle);
+    let board = fs::read_to_string(bundle.join("competition.yaml")).unwrap();
+    let columns: Vec<&str> = board.lines().filter_map(|line| line.trim().strip_prefix("key: ")).collect();
+    // Other scores of fields would tell the truth.
+    assert_eq!(&columns[1..], ["rms_nodes_px", "valid_nodes"]);
+    assert!(unzip(&bundle.join("reference_data.zip")).unwrap().contains_key("fields_only.txt"));
+    fs::write(submission.join("results.csv"), "frame,track,x_px,y_px\n0,-1,40,40\n").unwrap();
+    for split in [&test, &c.out.join(case).join("withheld/test")] {
+        let message = fail(2, &["evaluate", path(split), path(&submission), "--quiet"]);
+        assert!(message.contains("this challenge scores displacement fields"), "{message}");
+    }
+}
+
 #[test]
 fn every_manifest_of_a_released_suite_has_its_rules() {
     let c = &*RELEASED;

@@ -36,7 +36,6 @@ mod scoring_keys;
 mod scoring_results;
 mod shipped;
 mod spheroids;
-mod suite_fields;
 mod suites;
 mod sweep;
 mod truth;
