@@ -140,29 +140,6 @@ fn quiet_is_quiet_and_results_that_were_asked_for_are_printed() {
 }
 
 #[test]
-fn options_belong_to_the_verbs_that_use_them() {
-    for (arguments, option) in [
-        (&["flows", "--seed", "3"][..], "--seed"),
-        (&["verify", "x", "--force"], "--force"),
-        (&["suite", "generate", "odpc1", "--size", "smoke", "--seed", "1"], "--seed"),
-        (&["export", "x", "--format", "trackpy", "-o", "y", "--no-cache"], "--no-cache"),
-    ] {
-        let said = fail(2, arguments);
-        assert!(said.contains(&format!("unexpected argument '{option}'")), "{said}");
-    }
-    // Nothing is replaced without an output.
-    for arguments in [
-        &["flows", "uniform", "-f"][..],
-        &["optics", "quickstart", "-f"],
-        &["evaluate", "x", "y", "-f"],
-        &["new", "-f"],
-    ] {
-        let said = fail(2, arguments);
-        assert!(said.contains("required arguments were not provided"), "{said}");
-    }
-}
-
-#[test]
 fn a_tracker_has_a_default_output_beside_the_dataset() {
     let place = tempfile::tempdir().unwrap();
     let dataset = generate(place.path(), "dataset", SCENARIO);
@@ -215,21 +192,4 @@ fn one_case_of_a_sweep_succeeds_or_fails_by_itself() {
     let said = fail(2, &[&one[..], &["case_00009"]].concat());
     assert!(said.contains("case case_00009: expected case_00000 to case_00002"), "{said}");
     fail(2, &[&one[..], &["case_00000", "--shard", "1/2"]].concat());
-}
-
-#[test]
-fn help_names_the_environment_and_the_documentation_and_manual_pages_are_made() {
-    let help = run(&["--help"]);
-    for told in ["MICROSIG_CACHE_MB", "SLURM_ARRAY_TASK_*", "https://", "docs/README.md"] {
-        assert!(help.contains(told), "{told}: {help}");
-    }
-    let place = tempfile::tempdir().unwrap();
-    let pages = place.path().join("man1");
-    run(&["man", path(&pages)]);
-    let page = |name: &str| std::fs::read_to_string(pages.join(name)).unwrap();
-    assert!(
-        page("microsig.1").contains("MICROSIG_CACHE")
-            && page("microsig-suite-score.1").contains("leaderboard")
-    );
-    assert!(page("microsig-generate.1").contains("\\-\\-resume"));
 }
