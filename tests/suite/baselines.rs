@@ -344,26 +344,6 @@ fn piv_measures_a_vortex_far_better_than_a_field_of_zeros() {
     assert!(number(&zeros, "/field/aee_px") > 1.0, "{}", zeros["field"]["aee_px"]);
 }
 
-/// 0.8 particles per window of 16 px: single pairs have few valid vectors, the sum of 12 planes has all.
-#[test]
-fn ensemble_correlation_measures_where_single_pairs_have_too_few_particles() {
-    let folder = tempfile::tempdir().unwrap();
-    let text = in_focus(0.003).replace("pairs(count: 2,", "pairs(count: 12,");
-    let dataset = generate(folder.path(), "dataset", &text);
-    let field = |more: &[&str], name: &str| -> Value {
-        let result = folder.path().join(name);
-        let track = ["track", path(&dataset), "--method", "piv", "--out", path(&result), "--quiet"];
-        run(&[&track[..], more].concat());
-        json(&["evaluate", path(&dataset), path(&result)])
-    };
-    let (single, all) = (field(&[], "single.csv"), field(&["--ensemble"], "all.csv"));
-    let valid = "/field/valid_vector_probability";
-    assert!(number(&single, valid) < 0.8, "{}", single["field"]);
-    assert!(number(&all, valid) > 0.98, "{}", all["field"]);
-    // It is 0.06 px, and 0.63 px in single pairs.
-    assert!(number(&all, "/field/aee_px") < 0.15, "{}", all["field"]);
-}
-
 #[test]
 fn anchors_score_what_they_are_made_of() {
     let folder = tempfile::tempdir().unwrap();
