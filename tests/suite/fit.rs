@@ -93,10 +93,23 @@ fn missing_or_impossible_options_are_refused() {
         (&["--wavelength", "0.5"], "--wavelength: expected with --model waves only"),
         (&["--model", "waves", "--wavelength", "50"], "--wavelength 50: expected 0.1 to 2"),
         (&["--planes", "x"], "expected A-B"),
+        (&["--field"], "--field: expected with --model waves"),
     ] {
         let message = fail(2, &[&base[..], more].concat());
         assert!(message.contains(expected), "{more:?}: {message}");
     }
+    let waves = ["--model", "waves", "--wavelength", "0.5"];
+    for (more, expected) in [
+        (["--depth-factor", "1.3"], "--depth-factor 1.3 with --model waves: expected 1"),
+        (["--free", "pixel-size"], "--free: expected with --model geometric only"),
+        (["--bootstrap", "9"], "--bootstrap: expected with --model geometric only"),
+        (["--astigmatic", "yes"], "--astigmatic: expected with --model geometric only"),
+        (["--flux", "model"], "--flux: expected with --model geometric only"),
+    ] {
+        let message = fail(2, &[&base[..], &waves, &more].concat());
+        assert!(message.contains(expected), "{more:?}: {message}");
+    }
+    assert!(!Path::new(out).exists());
 }
 
 #[test]
@@ -226,26 +239,4 @@ fn settings_of_an_astigmatic_scan_are_found() {
     let pages = truth.planes(5).unwrap();
     let (place, fit) = fitted(&truth, &pages);
     assert_found(place.path(), &fit, &truth);
-}
-
-#[test]
-fn options_of_the_other_model_are_refused() {
-    let place = tempfile::tempdir().unwrap();
-    let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
-    write_pages(&scan, (61, 61), &single(9).planes(1).unwrap()).unwrap();
-    let base = [&arguments(&scan, &out)[..], &["--z-step", "6"]].concat();
-    let refused = |more: &[&str]| fail(2, &[&base[..], more].concat());
-    assert!(refused(&["--field"]).contains("--field: expected with --model waves"));
-    let waves = ["--model", "waves", "--wavelength", "0.5"];
-    for (more, expected) in [
-        (["--depth-factor", "1.3"], "--depth-factor 1.3 with --model waves: expected 1"),
-        (["--free", "pixel-size"], "--free: expected with --model geometric only"),
-        (["--bootstrap", "9"], "--bootstrap: expected with --model geometric only"),
-        (["--astigmatic", "yes"], "--astigmatic: expected with --model geometric only"),
-        (["--flux", "model"], "--flux: expected with --model geometric only"),
-    ] {
-        let message = refused(&[&waves[..], &more].concat());
-        assert!(message.contains(expected), "{more:?}: {message}");
-    }
-    assert!(!out.exists());
 }
