@@ -58,7 +58,7 @@ pub fn parse_units(text: &str) -> std::result::Result<UnitScores, String> {
 /// Errors: every problem in it.
 pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
     let value: Value = serde_json::from_str(text).map_err(|e| vec![e.to_string()])?;
-    let mut score: Score =
+    let score: Score =
         serde_path_to_error::deserialize(&value).map_err(|e| vec![mistyped(&value, &e)])?;
     if score.definitions.versions.microsig.is_empty() {
         return Err(vec![
@@ -76,9 +76,6 @@ pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
     if !problems.is_empty() {
         return Err(problems);
     }
-    // Until 1.0.0, warnings repeated the hints.
-    let Score { hints, warnings, .. } = &mut score;
-    warnings.retain(|warning| hints.iter().all(|hint| hint.what != *warning));
     Ok(score)
 }
 
@@ -87,16 +84,6 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-
-    #[test]
-    fn hints_that_former_versions_repeated_are_told_once() {
-        let hint = "origin mismatch? F1 would be 0.91 instead of 0.25";
-        let score = json!({ "definitions": { "versions": { "microsig": "0.3.0" } }, "detection": {},
-            "hints": [{ "what": hint }], "warnings": [hint, "fewer rows"] });
-        let score = parse(&score.to_string()).unwrap();
-        assert_eq!(score.warnings, ["fewer rows"]);
-        assert_eq!(score.caveats().collect::<Vec<_>>(), [hint, "fewer rows"]);
-    }
 
     #[test]
     fn what_is_no_score_is_refused_by_its_key() {
