@@ -13,6 +13,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use clap::Args;
 use serde::Serialize;
 
 use super::deadline::{Deadline, UNTIL};
@@ -21,19 +22,24 @@ use super::{COMMITMENT, SALT};
 use crate::package::Package;
 use storage::advice;
 use storage::advice::flag;
+use storage::argument::folder;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Args)]
 pub struct RevealOptions {
-    /// The folder to be published.
+    /// Folder to be published
+    #[arg(long, short, value_name = "DIR", value_parser = folder())]
     pub out: PathBuf,
-    /// Whether to replace an earlier one.
-    pub force: bool,
-    /// Whether to publish before the deadline, or without one.
+    /// Also before the deadline, or without one
+    #[arg(long)]
     pub early: bool,
+    /// Replace existing output
+    #[arg(long, short)]
+    pub force: bool,
     /// The time at which the deadline is checked.
+    #[arg(skip = SystemTime::now())]
     pub now: SystemTime,
 }
 

@@ -14,6 +14,7 @@ mod table;
 
 use std::path::{Path, PathBuf};
 
+use clap::Args;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -24,14 +25,14 @@ pub use release::{BASELINES, SuiteReleaseOptions, published_test, release, suite
 use crate::report;
 use entry::Entry;
 use generator::runner::{SuiteRecord, SuiteSelection, check_rules};
-use scenario::{Metric, Size, Split, Suite, SuiteCase};
+use scenario::{AxisValue, Metric, Size, Split, Suite, SuiteCase};
 use scoring::evaluate::{EvaluateOptions, Evaluation, Score, Truth, UnitScores, evaluate_files};
 use scoring::ranking::{Contestant, Pairs, ScoreDef, pairs, ranks_fields};
 use site::{Site, rules};
-use storage::OutputFolder;
 use storage::dataset::manifest::GENERATOR_VERSION;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
+use storage::{OutputFolder, argument, walk};
 
 /// Name of the table of all scores.
 pub const SUITE_SCORES_CSV: &str = "suite_scores.csv";
@@ -73,7 +74,7 @@ pub struct CaseScores {
     pub case: String,
     pub dataset: String,
     /// The values that distinguish the case from others of its ladder.
-    pub axes: Vec<CaseAxis>,
+    pub axes: Vec<AxisValue>,
     /// The scores by which the case is ranked.
     pub rank_by: Vec<Metric>,
     /// The results, best first; missing ones last.
@@ -83,30 +84,20 @@ pub struct CaseScores {
     pub units: usize,
 }
 
-/// Value of an axis of a case.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CaseAxis {
-    /// Name of the quantity.
-    pub label: String,
-    /// Its value, as shown.
-    pub shown: String,
-    /// Its value, if it is a number.
-    pub number: Option<f64>,
-}
-
 /// Status of a tracker's result for a case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     Scored,
     /// There is no result.
+    #[default]
     Missing,
     /// It cannot be scored.
     Refused,
 }
 
 /// A tracker's result for a case.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CaseResult {
     pub tracker: String,
     pub status: Status,
@@ -139,20 +130,32 @@ pub struct Standing {
     pub first: usize,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Args)]
 pub struct ScoreOptions {
-    /// Folders of results, each with a folder or archive for each tracker.
+    /// The results: RESULTS/TRACKER/TRACK/CASE/results.csv, or RESULTS/TRACKER.zip; may be repeated
+    #[arg(long, value_name = "RESULTS", required = true)]
     pub results: Vec<PathBuf>,
-    /// Folder of a published leaderboard, whose results are scored, too.
+    /// Also rank the results of a published leaderboard, DIR/results/TRACKER.zip, and compare each with them
+    #[arg(long, value_name = "DIR")]
     pub against: Option<PathBuf>,
+    /// Output folder of the scores
+    #[arg(long, short, value_name = "OUT", value_parser = argument::folder())]
     pub out: PathBuf,
-    /// Folder of a site of the leaderboard.
+    /// Also write a site of the leaderboard with rules and reports, to be copied to any server or opened from
+    /// disk
+    #[arg(long, value_name = "DIR", value_parser = argument::folder())]
     pub site: Option<PathBuf>,
-    pub force: bool,
+    #[arg(skip)]
     pub selection: SuiteSelection,
-    /// Also score submissions whose files are newer than the deadline.
+    /// Also score submissions whose files are newer than the deadline
+    #[arg(long)]
     pub late: bool,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", value_parser = argument::seed, default_value_t = 0)]
     pub seed: u64,
+    /// Replace existing output
+    #[arg(long, short)]
+    pub force: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -286,26 +289,15 @@ impl CaseResult {
 }
 
 fn folders(folder: &Path) -> Result<Vec<String>> {
-    let mut names = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {
-        let path = entry.map_err(|e| Error::read(folder, e))?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if path.is_dir() && !name.starts_with('.') {
-            names.push(name);
-        }
-    }
-    names.sort();
-    Ok(names)
+    walk::names(folder, |name| !name.starts_with('.') && folder.join(name).is_dir())
 }
 
 /// The folders and archives in a folder, sorted.
 fn entries_of(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut paths: Vec<PathBuf> = folders(folder)?.iter().map(|name| folder.join(name)).collect();
-    for found in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {
-        let path = found.map_err(|e| Error::read(folder, e))?.path();
-        let is_archive = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("zip"));
-        paths.extend((is_archive && path.is_file()).then_some(path));
-    }
+    let is_archive = |path: &Path| path.extension().is_some_and(|end| end.eq_ignore_ascii_case("zip"));
+    let archives = walk::names(folder, |name| is_archive(Path::new(name)) && folder.join(name).is_file())?;
+    let names = [folders(folder)?, archives].concat();
+    let mut paths: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
     paths.sort();
     Ok(paths)
 }
@@ -412,13 +404,12 @@ fn scored_case(
         results.push(CaseResult { rank: Some(rank), behind, ..scored[i].0.clone() });
     }
     results.extend(others);
-    let axes = case.axes.iter().cloned();
     Ok(CaseScores {
         track: case.track.clone(),
         ladder: case.ladder.clone(),
         case: case.name.clone(),
         dataset: format!("{}-test", case.dataset()),
-        axes: axes.map(|a| CaseAxis { label: a.label, shown: a.shown, number: a.number }).collect(),
+        axes: case.axes.clone(),
         rank_by: case.rules.rank_by.clone(),
         results,
         units,
@@ -435,11 +426,7 @@ fn result(
         tracker: tracker.clone(),
         status,
         reason,
-        rank: None,
-        behind: Vec::new(),
-        scores: Vec::new(),
-        missing: 0,
-        warnings: Vec::new(),
+        ..CaseResult::default()
     };
     let evaluation = match evaluation {
         Ok(Some(evaluation)) => evaluation,
@@ -521,11 +508,7 @@ mod tests {
             tracker: (*tracker).to_owned(),
             status: if *behind == ["-"] { Status::Missing } else { Status::Scored },
             behind: behind.iter().map(|name| (*name).to_owned()).collect(),
-            reason: None,
-            rank: None,
-            scores: Vec::new(),
-            missing: 0,
-            warnings: Vec::new(),
+            ..CaseResult::default()
         };
         let cases: Vec<CaseScores> = cases
             .iter()

@@ -1,16 +1,13 @@
 //! `microsig reveal`: publishes the truth of a challenge after its deadline.
 
 use std::path::PathBuf;
-use std::time::SystemTime;
 
 use clap::Args;
 
 use super::Common;
-use super::options::Replace;
 use super::output::{summarize, warn};
 use arena::release::{RevealOptions, reveal};
 use generator::runner::{RECORD, SuiteRecord};
-use storage::argument::folder;
 use storage::error::{Error, Result};
 
 /// Write the truth of a challenge for publication, after its deadline
@@ -23,14 +20,8 @@ use storage::error::{Error, Result};
 pub(super) struct Reveal {
     /// Folder of the challenge, with public and withheld, or of a released suite
     challenge: PathBuf,
-    /// Folder to be published
-    #[arg(long, short, value_name = "DIR", value_parser = folder())]
-    out: PathBuf,
-    /// Also before the deadline, or without one
-    #[arg(long)]
-    early: bool,
     #[command(flatten)]
-    replace: Replace,
+    options: RevealOptions,
 }
 
 impl Reveal {
@@ -38,9 +29,7 @@ impl Reveal {
         if self.challenge.join(RECORD).is_file() {
             return self.reveal_suite(common);
         }
-        let (out, force) = (self.out.clone(), self.replace.force);
-        let options = RevealOptions { out, force, early: self.early, now: SystemTime::now() };
-        let revealed = reveal(&self.challenge, &options)?;
+        let revealed = reveal(&self.challenge, &self.options)?;
         warn(&revealed.warning, common);
         let (name, out) = (&revealed.name, revealed.out.display());
         let text =
@@ -53,16 +42,15 @@ impl Reveal {
         let record = SuiteRecord::read(&self.challenge)?;
         let mut all = Vec::new();
         for case in record.images_sha256.keys() {
-            let out = self.out.join(case);
-            let above = out.parent().unwrap_or(&self.out);
+            let out = self.options.out.join(case);
+            let above = out.parent().unwrap_or(&self.options.out);
             std::fs::create_dir_all(above).map_err(Error::write(above))?;
-            let (force, early) = (self.replace.force, self.early);
-            let options = RevealOptions { out, force, early, now: SystemTime::now() };
+            let options = RevealOptions { out, ..self.options.clone() };
             let revealed = reveal(&self.challenge.join(case), &options)?;
             warn(&revealed.warning, common);
             all.push(revealed);
         }
-        let out = self.out.display();
+        let out = self.options.out.display();
         let text = format!(
             "truth of {}: {} cases, which match their commitments; publish {out}",
             record.edition(),

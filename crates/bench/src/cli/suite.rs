@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::Common;
-use super::options::{Drawing, ImageTables, Replace, ShardOption};
+use super::options::{ImageTables, Replace, ShardOption};
 use super::output::{progress, report, summarize, warn};
 use super::track::methods;
 use arena::release::{ChallengeOptions, Released};
@@ -147,28 +147,10 @@ struct Score {
     suite: InputFile,
     /// The generated or released suite
     datasets: PathBuf,
-    /// The results: RESULTS/TRACKER/TRACK/CASE/results.csv, or RESULTS/TRACKER.zip; may be repeated
-    #[arg(long, value_name = "RESULTS", required = true)]
-    results: Vec<PathBuf>,
-    /// Also rank the results of a published leaderboard, DIR/results/TRACKER.zip, and compare each with them
-    #[arg(long, value_name = "DIR")]
-    against: Option<PathBuf>,
-    /// Output folder of the scores
-    #[arg(long, short, value_name = "OUT", value_parser = folder())]
-    out: PathBuf,
     #[command(flatten)]
     cases: Cases,
-    /// Also write a site of the leaderboard with rules and reports, to be copied to any server or opened from
-    /// disk
-    #[arg(long, value_name = "DIR", value_parser = folder())]
-    site: Option<PathBuf>,
-    /// Also score submissions whose files are newer than the deadline
-    #[arg(long)]
-    late: bool,
     #[command(flatten)]
-    drawing: Drawing,
-    #[command(flatten)]
-    replace: Replace,
+    options: ScoreOptions,
 }
 
 #[derive(Debug, Args)]
@@ -391,16 +373,7 @@ fn frozen(suite: &scenario::Suite, size: Size) -> Result<Option<Frozen>> {
 impl Score {
     fn run(&self, common: &Common) -> Result<()> {
         let suite = scenario::Suite::open(&self.suite)?;
-        let options = ScoreOptions {
-            results: self.results.clone(),
-            against: self.against.clone(),
-            out: self.out.clone(),
-            site: self.site.clone(),
-            force: self.replace.force,
-            selection: self.cases.selection(),
-            late: self.late,
-            seed: self.drawing.seed,
-        };
+        let options = ScoreOptions { selection: self.cases.selection(), ..self.options.clone() };
         let scores = score(&suite, &self.datasets, &options)?;
         warn(&scores.warnings, common);
         summarize(&scores.text(), &scores, common)

@@ -176,14 +176,9 @@ impl SweepScores {
         if !folder.is_dir() {
             return Ok(Vec::new());
         }
-        let mut names = Vec::new();
-        for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
-            let entry = entry.map_err(|e| Error::read(&folder, e))?;
-            let name = entry.file_name().into_string();
-            names.extend(name.ok().filter(|name| entry.path().is_dir() && !self.track.contains(name)));
-        }
-        names.sort();
-        Ok(names)
+        storage::walk::names(&folder, |name| {
+            folder.join(name).is_dir() && !self.track.iter().any(|own| own == name)
+        })
     }
 }
 

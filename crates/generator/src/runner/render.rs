@@ -17,7 +17,7 @@ use super::progress::Progress;
 use crate::dataset::Camera;
 use storage::dataset::manifest::MANIFEST;
 use storage::folder::{Earlier, FolderClaim};
-use storage::{Error, InputFile, OutputFolder, Result, advice, may_write};
+use storage::{Error, InputFile, OutputFolder, Result, advice, may_write, walk};
 
 /// Options of [`render`].
 #[derive(Debug, Clone)]
@@ -188,19 +188,15 @@ fn data_files(data: &InputFile, settings: &Path) -> Result<Vec<InputFile>> {
         return Ok(vec![data.clone()]);
     }
     let settings = settings.canonicalize().ok();
-    let mut files: Vec<InputFile> = Vec::new();
-    for entry in std::fs::read_dir(&**data).map_err(|e| Error::read(data, e))? {
-        let path = entry.map_err(|e| Error::read(data, e))?.path();
+    let names = walk::names(data, |name| {
+        let path = data.join(name);
         let is_text = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"));
-        if is_text && path.is_file() && path.canonicalize().ok() != settings {
-            files.push(path.into());
-        }
-    }
-    if files.is_empty() {
+        is_text && path.is_file() && path.canonicalize().ok() != settings
+    })?;
+    if names.is_empty() {
         return Err(Error::input(format!("{}: expected data files (*.txt), found none", data.display())));
     }
-    files.sort_by(|a, b| natord::compare(&a.to_string_lossy(), &b.to_string_lossy()));
-    Ok(files)
+    Ok(names.into_iter().map(|name| data.join(name).into()).collect())
 }
 
 /// Renders particles to an image in memory; returns the image and warnings. Errors: settings that cannot be

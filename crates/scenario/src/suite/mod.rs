@@ -49,7 +49,7 @@ struct Rung {
 }
 
 /// Value of an axis of a case.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AxisValue {
     /// Name of the quantity.
     pub label: String,
