@@ -1,5 +1,6 @@
 //! Running the `microsig` command.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
@@ -21,29 +22,41 @@ pub fn binary() -> &'static Path {
     })
 }
 
+/// Runs a command and asserts that it succeeds.
+pub fn succeed(command: &mut Command) -> Output {
+    let output = command.output().expect("microsig runs");
+    assert!(output.status.success(), "{command:?}: {}", text(&output.stderr));
+    output
+}
+
 /// Runs the command, asserts that it succeeds, and returns its standard output.
-pub fn run(arguments: &[&str]) -> String {
-    let output = microsig().args(arguments).output().expect("microsig runs");
-    assert!(output.status.success(), "microsig {arguments:?}: {}", text(&output.stderr));
-    text(&output.stdout)
+pub fn run(arguments: &[impl AsRef<OsStr>]) -> String {
+    text(&succeed(microsig().args(arguments)).stdout)
+}
+
+/// Runs the command, asserts that it succeeds, and returns its standard error.
+pub fn told(arguments: &[impl AsRef<OsStr>]) -> String {
+    text(&succeed(microsig().args(arguments)).stderr)
 }
 
 /// Runs the command with `--json` and `--quiet`; returns what it prints.
-pub fn json(arguments: &[&str]) -> serde_json::Value {
-    serde_json::from_str(&run(&[arguments, &["--json", "--quiet"]].concat())).unwrap()
+pub fn json(arguments: &[impl AsRef<OsStr>]) -> serde_json::Value {
+    let output = succeed(microsig().args(arguments).args(["--json", "--quiet"]));
+    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 /// Runs the command, asserts that it fails with this exit code, and returns its standard error.
-pub fn fail(code: i32, arguments: &[&str]) -> String {
-    let Output { status, stderr, .. } = microsig().args(arguments).output().expect("microsig runs");
-    assert_eq!(status.code(), Some(code), "microsig {arguments:?}: {}", text(&stderr));
+pub fn fail(code: i32, arguments: &[impl AsRef<OsStr>]) -> String {
+    let mut command = microsig();
+    let Output { status, stderr, .. } = command.args(arguments).output().expect("microsig runs");
+    assert_eq!(status.code(), Some(code), "{command:?}: {}", text(&stderr));
     text(&stderr)
 }
 
 /// Writes a file into a folder; returns its path.
-pub fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
+pub fn write(folder: &Path, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
     let path = folder.join(name);
-    std::fs::write(&path, text).unwrap();
+    std::fs::write(&path, content).unwrap();
     path
 }
 

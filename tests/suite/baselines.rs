@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use suite::microsig::{fail, generate, json, manifest, microsig, path, run, write};
+use suite::microsig::{fail, generate, json, manifest, path, run, told, write};
 
 /// Defocused particles on 376 x 240 px, mostly isolated.
 fn defocused(preset: &str, count: u32, pairs: u32) -> String {
@@ -314,8 +314,7 @@ fn mixtures_of_sizes_are_tracked_with_a_stack_for_each() {
     let alone = tempfile::tempdir().unwrap();
     let file = write(alone.path(), "one.ron", &mixed("calibration: sizes(diameters_um: [2.75]),"));
     let out = alone.path().join("dataset");
-    let ran = microsig().args(["generate", path(&file), "--out", path(&out)]).output().unwrap();
-    let said = String::from_utf8_lossy(&ran.stderr);
+    let said = told(&["generate", path(&file), "--out", path(&out)]);
     assert!(
         said.contains("a single stack of a particle of 2.75 um represents particles of 2 to 5 um"),
         "{said}"

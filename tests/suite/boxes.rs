@@ -6,7 +6,7 @@ use std::path::Path;
 use microsig_core::formats::tiff;
 use serde_json::{Value, json};
 use suite::leak::unzip;
-use suite::microsig::{fail, generate, json, path, run};
+use suite::microsig::{fail, generate, json, path, run, write};
 
 /// Noise-free spots far apart and above a dark background, and images of two sizes.
 const SPOTS: &str = r#"(
@@ -87,8 +87,7 @@ fn exports_hold_all_boxes_and_the_truth_scores_one() {
 
     let result = |k: usize, one: &Value| json!({"image_id": one["image_id"], "category_id": 0, "bbox": one["bbox"], "score": 1.0 - 1e-3 * k as f64});
     let found: Vec<Value> = annotations.iter().enumerate().map(|(k, one)| result(k, one)).collect();
-    let file = place.path().join("found.json");
-    std::fs::write(&file, Value::from(found).to_string()).unwrap();
+    let file = write(place.path(), "found.json", Value::from(found).to_string());
     let perfect = score(&dataset, &file);
     for key in ["ap", "ap50", "ap75", "ar", "recall_at_1_percent_ghosts"] {
         let value = perfect["boxes"][key].as_f64().unwrap();
@@ -144,8 +143,7 @@ fn boxes_need_a_truth_with_boxes() {
         ("[{\"image_id\": -1, \"bbox\": [1, 2, 3, 4]}]", "result 0: frame"),
         ("[{\"image_id\": 0, \"bbox\": [1, 2, 3, 4]}", "found.txt:1: "),
     ] {
-        let file = place.path().join("found.txt");
-        std::fs::write(&file, text).unwrap();
+        let file = write(place.path(), "found.txt", text);
         let message = fail(2, &["evaluate", path(&dataset), path(&file)]);
         assert!(message.contains(told), "{text}: {message}");
     }

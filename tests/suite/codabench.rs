@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use suite::microsig::{binary, fail, path, run};
+use suite::microsig::{binary, fail, path, run, write};
 
 use crate::release::{CHALLENGE, images_sha256, submission, unpack};
 
@@ -121,8 +121,7 @@ fn a_submission_is_checked_by_a_verb_of_its_own() {
     let good = submission(place.path(), &images_sha256());
     let alone = run(&["check-submission", path(&c.test), path(&good.join("results.csv"))]);
     assert!(alone.contains("particles; "), "{alone}");
-    let wheel = place.path().join("x.txt");
-    std::fs::write(&wheel, "").unwrap();
+    let wheel = write(place.path(), "x.txt", "");
     let out = place.path().join("out");
     let with = ["--codabench", "--wheel", path(&wheel)];
     let message = fail(2, &[&["release", path(&c.dataset), "--out", path(&out)], &with[..]].concat());

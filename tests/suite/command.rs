@@ -73,8 +73,7 @@ fn nothing_is_overwritten_without_force() {
 fn exchanged_arguments_and_folders_that_are_no_dataset_are_named() {
     let place = tempfile::tempdir().unwrap();
     let dataset = generate(place.path(), "dataset", SCENARIO);
-    let result = place.path().join("result.csv");
-    std::fs::write(&result, "frame,x_px,y_px\n0,1,1\n").unwrap();
+    let result = write(place.path(), "result.csv", "frame,x_px,y_px\n0,1,1\n");
     for check in [&[][..], &["--validate-only"]] {
         let said = fail(2, &[&["evaluate", path(&result), path(&dataset)], check].concat());
         assert!(said.contains("give the dataset first, then the result"), "{said}");

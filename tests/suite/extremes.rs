@@ -7,7 +7,7 @@ use std::process::Stdio;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use suite::microsig::{fail, json, microsig, path, run};
+use suite::microsig::{fail, generate, json, microsig, path, run, told, write};
 use suite::scan::write_pages;
 
 const SCENARIO: &str = r#"(
@@ -21,21 +21,9 @@ const SCENARIO: &str = r#"(
 
 static DATASET: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
     let place = tempfile::tempdir().unwrap();
-    let out = place.path().join("small");
-    let scenario = write(place.path(), "small.ron", SCENARIO.as_bytes());
-    run(&["generate", path(&scenario), "--out", path(&out), "--quiet"]);
-    (place, out)
+    let dataset = generate(place.path(), "small", SCENARIO);
+    (place, dataset)
 });
-
-fn write(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
-    let path = folder.join(name);
-    std::fs::write(&path, bytes).unwrap();
-    path
-}
-
-fn settings() -> String {
-    std::fs::read_to_string(DATASET.1.join("settings.txt")).unwrap()
-}
 
 /// Every cell of the tables in a folder that is a number is finite.
 fn numbers_are_finite(folder: &Path) {
@@ -64,7 +52,7 @@ fn tables_of_scores_hold_finite_numbers_only() {
         ("partly NaN", format!("{one}0,7,NaN,3,1\n0,8,3,3,NaN\n")),
         ("far away", format!("{one}0,7,1e7,-1e7,1e9\n0,8,1e-320,1e-320,-1e9\n")),
     ] {
-        let (result, out) = (write(place.path(), "result.csv", text.as_bytes()), place.path().join(name));
+        let (result, out) = (write(place.path(), "result.csv", text), place.path().join(name));
         run(&["evaluate", path(&DATASET.1), path(&result), "--out", path(&out), "--quiet"]);
         numbers_are_finite(&out);
     }
@@ -74,7 +62,7 @@ fn tables_of_scores_hold_finite_numbers_only() {
         for (k, snr) in snr.iter().enumerate() {
             writeln!(text, "0,{k},{},10,0,{snr}", 10 + 30 * k).unwrap();
         }
-        write(place.path(), "truth.csv", text.as_bytes())
+        write(place.path(), "truth.csv", text)
     };
     let truth = bare(["1e308", "-1e308"]);
     let said = fail(2, &["evaluate", path(&truth), path(&truth)]);
@@ -102,17 +90,17 @@ fn seeding_without_room_is_refused_before_any_particle_is_placed() {
 #[ignore = "slow: .ci/full"]
 fn long_runs_say_how_long_and_stop_at_once() {
     let place = tempfile::tempdir().unwrap();
-    let settings =
-        write(place.path(), "s.txt", settings().replace("n_rays = 500", "n_rays = 1000000").as_bytes());
+    let settings = std::fs::read_to_string(DATASET.1.join("settings.txt")).unwrap();
+    let settings = write(place.path(), "s.txt", settings.replace("n_rays = 500", "n_rays = 1000000"));
     // Some minutes of work.
     let rows: String = (0..3000).map(|k| format!("{} {} -60 3\n", 1 + k % 90, 1 + k % 70)).collect();
-    let (data, out) = (write(place.path(), "d.txt", rows.as_bytes()), place.path().join("out"));
+    let (data, out) = (write(place.path(), "d.txt", rows), place.path().join("out"));
     let scenario =
         SCENARIO.replace("points_per_pixel: 4", "n_rays: 1000000").replace("count(8)", "count(500)");
-    let scenario = write(place.path(), "long.ron", scenario.as_bytes());
+    let scenario = write(place.path(), "long.ron", scenario);
     let modes = SCENARIO.replace("poiseuille()", "kraichnan(modes: 100000)").replace("count(8)", "count(20)");
     let other = place.path().join("other");
-    let modes = write(place.path(), "modes.ron", modes.replace("frames: 12", "frames: 20000").as_bytes());
+    let modes = write(place.path(), "modes.ron", modes.replace("frames: 12", "frames: 20000"));
     for words in [
         vec!["render", path(&settings), path(&data), path(&out)],
         vec!["generate", path(&scenario), "--out", path(&out)],
@@ -170,7 +158,7 @@ fn nothing_is_written_into_a_dataset() {
 fn a_background_has_one_page() {
     let place = tempfile::tempdir().unwrap();
     let text = SCENARIO.replace("calibration: none", "sensor: (background: \"b.tif\"), calibration: none");
-    let scenario = write(place.path(), "s.ron", text.as_bytes());
+    let scenario = write(place.path(), "s.ron", text);
     let background =
         |pages| write_pages(&place.path().join("b.tif"), (90, 70), &vec![vec![100; 6300]; pages]).unwrap();
     background(3);
@@ -188,15 +176,12 @@ fn a_velocity_grid_smaller_than_the_box_is_told() {
         let at = |bit: usize, size: f64| if k >> bit & 1 == 0 { -size } else { size };
         writeln!(grid, "{},{},{},100,0,0", at(0, 1000.0), at(1, 1000.0), at(2, 40.0)).unwrap();
     }
-    write(place.path(), "grid.csv", grid.as_bytes());
+    write(place.path(), "grid.csv", grid);
     let text = SCENARIO.replace("poiseuille()", "gridded(file: \"grid.csv\", interpolation: trilinear)");
-    let scenario = write(place.path(), "s.ron", text.as_bytes());
+    let scenario = write(place.path(), "s.ron", text);
     let warned = |z_um: &str| {
         let set = format!("boundaries.z_um={z_um}");
-        let output =
-            microsig().args(["generate", path(&scenario), "--dry-run", "--set", &set]).output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        String::from_utf8(output.stderr).unwrap()
+        told(&["generate", path(&scenario), "--dry-run", "--set", &set])
     };
     assert!(!warned("(-40, 40)").contains("outside the grid"));
     // A quarter of the depth range from -40 to 40 + 80/3 um.
@@ -211,7 +196,7 @@ fn the_lines_on_optics_are_of_the_diameters_that_tracks_tell() {
         .replace("flow(field: poiseuille())", "tracks(file: \"t.csv\")")
         .replace("number: count(8)", "diameter_um: constant(2)")
         .replace("calibration: none,", "boundaries: (z_um: (-40, 20)),\n calibration: none,");
-    let scenario = write(place.path(), "s.ron", text.as_bytes());
+    let scenario = write(place.path(), "s.ron", text);
     write(
         place.path(),
         "t.csv",
@@ -229,7 +214,7 @@ fn the_lines_on_optics_are_of_the_diameters_that_tracks_tell() {
 fn images_that_show_nothing_or_saturate_are_told() {
     let place = tempfile::tempdir().unwrap();
     // A byte order mark is skipped.
-    let scenario = write(place.path(), "s.ron", format!("\u{feff}{SCENARIO}").as_bytes());
+    let scenario = write(place.path(), "s.ron", format!("\u{feff}{SCENARIO}"));
     for (set, expected) in [
         ("optics.gain=0", "the particles emit no light"),
         ("optics.gain=1000", "have pixels saturated at 65535 counts"),
@@ -239,8 +224,7 @@ fn images_that_show_nothing_or_saturate_are_told() {
         let out = place.path().join(expected);
         let sets = ["--set", set, "--set", "timing.sequence.frames=2"];
         let command = [&["generate", path(&scenario), "--out", path(&out)], &sets[..]].concat();
-        let said = microsig().args(command).output().unwrap();
-        let text = String::from_utf8_lossy(&said.stderr);
-        assert!(said.status.success() && text.contains(expected), "{set}: {text}");
+        let said = told(&command);
+        assert!(said.contains(expected), "{set}: {said}");
     }
 }

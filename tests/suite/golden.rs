@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use suite::golden::{Golden, Hashes};
-use suite::microsig::{microsig, path, run};
+use suite::microsig::{microsig, path, run, succeed};
 
 /// Number of threads of a run, and the features that are masked: glibc selects other versions of its math
 /// functions without these.
@@ -45,8 +45,7 @@ fn assert_golden(runs: impl Fn(usize) -> Vec<Run>) {
                 command.env("GLIBC_TUNABLES", mask);
             }
             command.args(["generate", path(&scenario), "--out", path(&out), "--threads", threads]);
-            let output = command.output().unwrap();
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            succeed(&mut command);
             let made = Hashes::of(&out).unwrap();
             let is_known = golden.datasets.get(name) == Some(&made);
             let see = out.display();

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Output, Stdio};
 
 use serde_json::Value;
-use suite::microsig::{fail, generate, microsig, path, run, text, write};
+use suite::microsig::{fail, generate, microsig, path, run, succeed, text, told, write};
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -122,8 +122,7 @@ fn quiet_is_quiet_and_results_that_were_asked_for_are_printed() {
     let (result, scores, truth) =
         (place.path().join("r.csv"), place.path().join("scores"), dataset.join("truth/tracks.csv"));
     let silent = |arguments: &[&str]| {
-        let output = microsig().args(arguments).arg("-q").output().unwrap();
-        assert!(output.status.success(), "{}", text(&output.stderr));
+        let output = succeed(microsig().args(arguments).arg("-q"));
         assert_eq!((text(&output.stdout), text(&output.stderr)), Default::default(), "{arguments:?}");
     };
     silent(&["verify", path(&dataset)]);
@@ -160,10 +159,7 @@ fn programs_read_the_progress_as_json_and_a_log_has_no_bars() {
     let scenario = write(place.path(), "s.ron", SCENARIO);
     let said = |out: &str, more: &[&str]| {
         let out = place.path().join(out);
-        let output =
-            microsig().args(["generate", path(&scenario), "-o", path(&out)]).args(more).output().unwrap();
-        assert!(output.status.success());
-        text(&output.stderr)
+        told(&[&["generate", path(&scenario), "-o", path(&out)], more].concat())
     };
     let lines = said("json", &["--progress", "json"]);
     let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use microsig_core::formats::tiff;
 use microsig_core::render::Context;
 use microsig_core::sensor::Counts;
-use suite::microsig::{fail, json, manifest, path, run};
+use suite::microsig::{fail, generate, json, manifest, path, run};
 use suite::{counts, image_size};
 
 const SIDE: u32 = 401;
@@ -20,10 +20,7 @@ fn dataset(place: &Path, name: &str, keys: &str) -> PathBuf {
          particles: (number: file(\"place.txt\")), boundaries: (z_um: (-30, 10)), timing: sequence(frames: 1, dt_s: 1), \
          calibration: none, render: (mode: waves, wavelength_um: 0.52, tolerance: 0.0003){keys})"
     );
-    let (file, out) = (place.join("s.ron"), place.join(name));
-    std::fs::write(&file, text).unwrap();
-    run(&["generate", path(&file), "--out", path(&out)]);
-    out
+    generate(place, name, &text)
 }
 
 fn image(dataset: &Path) -> Vec<f64> {

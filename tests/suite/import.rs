@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use microsig_core::Settings;
 use serde_json::Value;
-use suite::microsig::{fail, json, path, run};
+use suite::microsig::{fail, json, listing, path, run};
 use suite::scan::{Bead, SimulatedScan, write_pages};
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray8, Gray32Float, RGB8};
@@ -104,36 +104,21 @@ impl Recording {
     /// Arguments of an import of these images with this scan.
     fn arguments(&self, images: &str, scan: &str, more: &[&str]) -> Vec<String> {
         let (images, scan, z, out) = (self.at(images), self.at(scan), self.at("z.csv"), self.at("out"));
-        let own = [
-            "import",
-            "--images",
-            path(&images),
-            "--scan",
-            path(&scan),
-            "--z",
-            path(&z),
-            "--out",
-            path(&out),
-        ];
-        let scale = ["--magnification", "10", "--pixel-size", "6.45"];
+        let own = ["import", "--images", path(&images), "--scan", path(&scan), "--z", path(&z)];
+        let scale = ["--magnification", "10", "--pixel-size", "6.45", "--out", path(&out)];
         own.iter().chain(&scale).chain(more).map(|text| (*text).to_owned()).collect()
     }
 
     /// What an import of these images with this scan reports.
     fn import(&self, images: &str, scan: &str, more: &[&str]) -> Value {
-        json(&self.arguments(images, scan, more).iter().map(String::as_str).collect::<Vec<_>>())
+        json(&self.arguments(images, scan, more))
     }
 
     /// The message about an import that is refused.
     fn refused(&self, images: &str, scan: &str, more: &[&str]) -> String {
-        let arguments = self.arguments(images, scan, more);
-        let message = fail(2, &arguments.iter().map(String::as_str).collect::<Vec<_>>());
-        let left: Vec<_> =
-            std::fs::read_dir(self.place.path()).unwrap().flatten().map(|e| e.file_name()).collect();
-        assert!(
-            !left.iter().any(|name| name.to_string_lossy().starts_with("out")),
-            "nothing is written: {left:?}"
-        );
+        let message = fail(2, &self.arguments(images, scan, more));
+        let left = listing(self.place.path());
+        assert!(!left.iter().any(|name| name.starts_with("out")), "nothing is written: {left:?}");
         message
     }
 }
@@ -253,34 +238,18 @@ fn the_twin_of_a_recording_predicts_the_scores_of_trackers() {
     run(&["verify", path(&twin.join("twin"))]);
 
     assert!(fail(2, &arguments).contains("exists"));
-    let wrong = |of: &str| {
-        ["twin", path(&out), "--optics", path(&optics), "--out", path(&twin), "--force", "--run"]
-            .iter()
-            .map(ToString::to_string)
-            .chain([of.to_owned()])
-            .collect::<Vec<_>>()
-    };
     for (tracker, code, what) in [
         ("nnc", 2, "expected one of"),
         ("ls {images}", 2, "{out}"),
         ("exit 3 # {images} {out}", 1, "exit status: 3"),
     ] {
-        let arguments = wrong(tracker);
-        let said = fail(code, &arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        let again = ["--out", path(&twin), "--force", "--run", tracker];
+        let said = fail(code, &[&["twin", path(&out), "--optics", path(&optics)], &again[..]].concat());
         assert!(said.contains(what), "{said}");
     }
-    let dataset = fail(
-        2,
-        &[
-            "twin",
-            path(&twin.join("generated")),
-            "--optics",
-            path(&optics),
-            "--out",
-            path(&recording.at("x")),
-        ],
-    );
-    assert!(dataset.contains("expected a recording"), "{dataset}");
+    let (dataset, other) = (twin.join("generated"), recording.at("x"));
+    let said = fail(2, &["twin", path(&dataset), "--optics", path(&optics), "--out", path(&other)]);
+    assert!(said.contains("expected a recording"), "{said}");
 }
 
 #[test]
@@ -334,16 +303,8 @@ fn images_in_focus_are_imported_without_a_scan() {
         }),
     )
     .unwrap();
-    let own = [
-        "import",
-        "--images",
-        path(&images),
-        "--out",
-        path(&out),
-        "--truth",
-        path(&known),
-        "--all-particles",
-    ];
+    let truth = ["--out", path(&out), "--truth", path(&known), "--all-particles"];
+    let own = [&["import", "--images", path(&images)], &truth[..]].concat();
     let made = json(&[&own[..], &scale].concat());
     assert_eq!((&made["frames"], &made["depths"], &made["noise"]), (&4.into(), &0.into(), &Value::Null));
     for (image, file) in [("pair_00000_b.tif", "b_0.tif"), ("pair_00001_a.tif", "a_1.tif")] {
@@ -467,8 +428,7 @@ fn scans_without_single_particles_are_refused_and_poor_ones_are_warned_of() {
         arguments[z + 1] = "4".to_owned();
         arguments
     };
-    let refused =
-        |scan: &str| fail(2, &step("run.ome.tif", scan).iter().map(String::as_str).collect::<Vec<_>>());
+    let refused = |scan: &str| fail(2, &step("run.ome.tif", scan));
 
     write("saturated.tif", &target(), true);
     let message = refused("saturated.tif");
@@ -499,8 +459,7 @@ fn scans_without_single_particles_are_refused_and_poor_ones_are_warned_of() {
     assert!(message.contains("none of 1 particles") && message.contains("1 cut by the edge"), "{message}");
 
     write("one.tif", &SimulatedScan { beads: vec![target().beads[4]], ..target() }, false);
-    let arguments = step("run.ome.tif", "one.tif");
-    let made = json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let made = json(&step("run.ome.tif", "one.tif"));
     let warnings = made["warnings"].to_string();
     assert!(warnings.contains("one particle"), "{warnings}");
     // Without repeated frames the noise of the light is unknown.
@@ -513,6 +472,6 @@ fn scans_without_single_particles_are_refused_and_poor_ones_are_warned_of() {
     let z = without.iter().position(|text| text == "--z").unwrap();
     without.drain(z..z + 2);
     without.push("--force".to_owned());
-    let message = fail(2, &without.iter().map(String::as_str).collect::<Vec<_>>());
+    let message = fail(2, &without);
     assert!(message.contains("stage positions are unknown; give --z or --z-step"), "{message}");
 }

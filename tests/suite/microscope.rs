@@ -7,7 +7,7 @@ use microsig_core::render::Context;
 use scenario::{parse, resolve};
 use serde_json::Value;
 use suite::golden::Hashes;
-use suite::microsig::{fail, json, manifest, microsig, path, run, write};
+use suite::microsig::{fail, json, manifest, microsig, path, run, succeed, write};
 
 fn objective_20x() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/objective_20x.ron")
@@ -185,9 +185,8 @@ fn tables_are_kept_in_the_folder_of_the_cache() {
     let cache = place.path().join("cache");
     let hashes = |out: &str, more: &[&str]| {
         let out = place.path().join(out);
-        let mut command = microsig();
-        command.args(["generate", path(&scenario), "--quiet", "--out", path(&out)]).args(more);
-        assert!(command.env("MICROSIG_CACHE", &cache).status().unwrap().success());
+        let generate = ["generate", path(&scenario), "--quiet", "--out", path(&out)];
+        succeed(microsig().args(generate).args(more).env("MICROSIG_CACHE", &cache));
         Hashes::of(&out).unwrap()
     };
     let first = hashes("first", &[]);

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use microsig_core::formats::pages::Pages;
 use storage::dataset::manifest::Manifest;
 use suite::leak::{Files, Known, unzip};
-use suite::microsig::{fail, generate, json, listing, path, run};
+use suite::microsig::{fail, generate, json, listing, path, run, write};
 
 /// A seed that cannot occur anywhere by chance.
 const SEED: u64 = 8_246_017_395_284_410_067;
@@ -330,8 +330,7 @@ fn the_test_split_may_hide_another_flow() {
     let test = out.join("withheld/test");
     run(&["verify", path(&test), "--regenerate"]);
     // Train does not tell its field, which is scored.
-    let field = place.path().join("field.csv");
-    std::fs::write(&field, "pair,x_px,y_px,dx_px,dy_px,flag\n0,40,40,1,0,0\n").unwrap();
+    let field = write(place.path(), "field.csv", "pair,x_px,y_px,dx_px,dy_px,flag\n0,40,40,1,0,0\n");
     run(&["evaluate", path(&test), path(&field), "--quiet"]);
 }
 

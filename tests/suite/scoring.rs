@@ -20,6 +20,7 @@ use scoring::evaluate::units::Units;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{Conventions, TrackRow, read_points};
 use serde_json::{Value, json};
+use suite::microsig::write;
 
 /// Files have 12 decimals, and rounding errors of sums of a few hundred numbers are 1e-13.
 const TOLERANCE: f64 = 1e-9;
@@ -263,11 +264,9 @@ fn field_metrics_are_those_of_the_reference() {
         let flag = if r["valid"] == "1" { 0 } else { 1 };
         result += &format!("{},{},{},{},{},{flag}\n", r["x"], r["y"], r["u"], r["v"], r["unc_u"]);
     }
-    let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
-    std::fs::write(&paths[0], truth).unwrap();
-    std::fs::write(&paths[1], result).unwrap();
-    let score =
-        evaluate_files(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score.field.unwrap();
+    let (truth, result) =
+        (write(place.path(), "truth.csv", truth), write(place.path(), "result.csv", result));
+    let score = evaluate_files(&truth, &result, &EvaluateOptions::default()).unwrap().score.field.unwrap();
     let a = &score.main;
     let text = std::fs::read_to_string(folder().join("piv/metrics.json")).unwrap();
     let theirs: Value = serde_json::from_str(&text).unwrap();

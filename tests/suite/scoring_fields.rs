@@ -5,7 +5,7 @@ use std::path::Path;
 
 use scoring::evaluate::field::FieldScore;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, path, run, write};
 
 /// A grid of `n` x `n` vectors with a spacing of 8 px.
 fn lattice(n: usize) -> impl Iterator<Item = (f64, f64)> {
@@ -24,10 +24,9 @@ fn table(n: usize, field: impl Fn(f64, f64) -> [f64; 2]) -> String {
 
 fn score(truth: &str, result: &str) -> (FieldScore, Vec<String>) {
     let place = tempfile::tempdir().unwrap();
-    let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
-    std::fs::write(&paths[0], truth).unwrap();
-    std::fs::write(&paths[1], result).unwrap();
-    let score = evaluate_files(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
+    let (truth, result) =
+        (write(place.path(), "truth.csv", truth), write(place.path(), "result.csv", result));
+    let score = evaluate_files(&truth, &result, &EvaluateOptions::default()).unwrap().score;
     let caveats = score.caveats().map(str::to_owned).collect();
     (score.field.unwrap(), caveats)
 }
@@ -135,8 +134,7 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
             text += &format!("{pair},{x},{y},{},0.5,0\n", 1.01 * f64::from(pair + 1) + 0.02);
         }
     }
-    let result = place.path().join("result.csv");
-    std::fs::write(&result, &text).unwrap();
+    let result = write(place.path(), "result.csv", text);
     let score = evaluate_files(&folder, &result, &EvaluateOptions::default()).unwrap().score;
     let f = score.field.unwrap();
     // One of six columns is masked, so its vectors have no truth.
@@ -188,8 +186,7 @@ fn a_plane_without_fluid_is_not_taken_unless_it_is_asked_for() {
     };
     masked(&["-10"]);
     tell(&folder, r#"{"particle_image":{"focus_um":-12.0}}"#);
-    let result = place.path().join("result.csv");
-    std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
+    let result = write(place.path(), "result.csv", table(6, |_, _| [1.0, 0.5]));
     let of = |plane_um: Option<f64>| {
         evaluate_files(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
     };
@@ -217,8 +214,7 @@ fn where_all_depths_are_seen_alike_their_mean_is_the_truth() {
     let folder = place.path().join("dataset");
     dataset(&folder);
     tell(&folder, r#"{"depth_range_um":[-5,1],"particle_image":{"focus_um":null}}"#);
-    let result = place.path().join("result.csv");
-    std::fs::write(&result, "pair,x_px,y_px,dx_px,dy_px\n0,13,13,1,0.5\n").unwrap();
+    let result = write(place.path(), "result.csv", "pair,x_px,y_px,dx_px,dy_px\n0,13,13,1,0.5\n");
     let scored = |plane_um: Option<f64>| {
         let score =
             evaluate_files(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
@@ -249,9 +245,8 @@ fn image_pairs_that_are_not_there_are_told() {
         None => format!("{l}\n"),
     });
     std::fs::write(&field, steady.collect::<String>()).unwrap();
-    let result = place.path().join("result.csv");
-    std::fs::write(&result, "pair,x_px,y_px,dx_px,dy_px\n1,13,13,1,0.5\n2,13,13,1,0.5\n99,13,13,1,0.5\n")
-        .unwrap();
+    let rows = "pair,x_px,y_px,dx_px,dy_px\n1,13,13,1,0.5\n2,13,13,1,0.5\n99,13,13,1,0.5\n";
+    let result = write(place.path(), "result.csv", rows);
     for (timing, lost, named) in [
         (r#"{"mode":"pairs","pairs":2}"#, 2, "(2, 99)"),
         (r#"{"mode":"sequence","frames":4}"#, 1, "(99)"),

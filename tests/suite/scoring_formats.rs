@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use scoring::results::{Conventions, TrackerResult, read};
-use suite::microsig::{fail, microsig, path, run};
+use suite::microsig::{fail, microsig, path, run, write};
 
 fn folder() -> PathBuf {
     suite::data().join("formats")
@@ -72,8 +72,7 @@ fn a_column_of_depths_that_is_empty_in_every_row_is_no_depth() {
 fn pivlab_files_are_read_whatever_separates_their_columns() {
     let place = tempfile::tempdir().unwrap();
     let vectors = |name: &str, text: &str| {
-        let file = place.path().join(name);
-        std::fs::write(&file, text).unwrap();
+        let file = write(place.path(), name, text);
         match read(&file, &Conventions::default()).unwrap() {
             TrackerResult::Field(field) => field.vectors,
             TrackerResult::Points(_) => panic!("{name}: particles"),
@@ -246,8 +245,7 @@ fn hostile_files_are_refused_within_a_gigabyte() {
     let truth = folder().join("canonical.csv");
     let field_truth = folder().join("field_canonical.csv");
     for (name, bytes, expected) in hostile_files() {
-        let file = place.path().join(name);
-        std::fs::write(&file, bytes).unwrap();
+        let file = write(place.path(), name, bytes);
         let arguments = ["evaluate", path(&truth), path(&file), "--um-per-px", "0.645", "--threads", "1"];
         let (code, message) = confined(&arguments);
         assert_eq!(code, Some(2), "{name}: {message}");
@@ -287,8 +285,7 @@ fn hostile_files_are_refused_within_a_gigabyte() {
     let claim = format!(
         "<Tracks nTracks=\"1000000000\"><particle nSpots=\"1000000000\">{DETECTIONS}</particle></Tracks>"
     );
-    let file = place.path().join("claim.xml");
-    std::fs::write(&file, claim).unwrap();
+    let file = write(place.path(), "claim.xml", claim);
     let arguments =
         ["evaluate", path(&truth), path(&file), "--um-per-px", "0.645", "--threads", "1", "--quiet"];
     let (code, message) = confined(&arguments);

@@ -6,7 +6,7 @@ use crate::scoring_hints::{scene, scores};
 use proptest::prelude::*;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Points, TrackRow};
-use suite::microsig::{fail, generate, json, path, run};
+use suite::microsig::{fail, generate, json, path, run, write};
 
 /// Fast rotation about the center of a small image: many particles leave it at the corners and return.
 const VORTEX: &str = r#"(
@@ -101,8 +101,7 @@ proptest! {
 fn what_does_not_fit_a_dataset_is_told() {
     let place = tempfile::tempdir().unwrap();
     let dataset = generate(place.path(), "dataset", PAIRS);
-    let result = place.path().join("result.csv");
-    std::fs::write(&result, "frame,track,x_px,y_px\n1,0,5,5\n8,0,5,5\n").unwrap();
+    let result = write(place.path(), "result.csv", "frame,track,x_px,y_px\n1,0,5,5\n8,0,5,5\n");
     let message = fail(2, &["evaluate", path(&dataset), path(&result), "--validate-only"]);
     assert!(message.contains("result.csv:3: frame = 8: expected 0 to 7"), "{message}");
     let bad = |more: &[&str]| fail(2, &[&["evaluate", path(&dataset), path(&result)], more].concat());

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use suite::microsig::{json, path, run};
+use suite::microsig::{json, path, run, write};
 
 fn shipped() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios");
@@ -73,8 +73,7 @@ fn sweep(place: &Path, file: &Path, text: &str) {
     arguments.extend(sets.iter().flat_map(|set| ["--set", set]));
     run(&arguments);
     let name = format!("{}-sweep", file.file_stem().unwrap().to_string_lossy());
-    let sweep = place.join(format!("{name}.ron"));
-    std::fs::write(&sweep, text.replace(base, "small/scenario.ron")).unwrap();
+    let sweep = write(place, &format!("{name}.ron"), text.replace(base, "small/scenario.ron"));
     let listed: serde_json::Value = json(&["sweep", path(&sweep), "--list"]);
     let cases = listed.as_array().unwrap().len();
     let out = place.join(&name);

@@ -6,7 +6,7 @@ use microsig_core::stream::{Purpose, Stream, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
 use suite::ensemble::Ensemble;
 use suite::measure::lit_pixels;
-use suite::microsig::{microsig, path, text};
+use suite::microsig::{path, told, write};
 
 const LAWS: [SpheroidLaw; 2] = [SpheroidLaw::Original, SpheroidLaw::Uniform];
 
@@ -120,21 +120,16 @@ fn the_two_laws_differ_as_much_as_they_should() {
 #[test]
 fn bounds_of_spheroids_by_waves_have_the_symmetry_of_their_images() {
     let place = tempfile::tempdir().unwrap();
-    let (file, table) = (place.path().join("rods.ron"), place.path().join("bounds.csv"));
     let scenario = r#"(
         name: "rods", render: (mode: waves, wavelength_um: 0.5), calibration: none,
         optics: (lens: aplanatic, numerical_aperture: 0.3, pixel_dim_x: 64, pixel_dim_y: 64),
         particles: (number: count(1), diameter_um: constant(1)), boundaries: (z_um: (-3, 3)),
         motion: flow(field: poiseuille()), timing: pairs(count: 1),
     )"#;
-    std::fs::write(&file, scenario).unwrap();
+    let (file, table) = (write(place.path(), "rods.ron", scenario), place.path().join("bounds.csv"));
     let optics = ["optics", path(&file), "--aspect-ratios", "2", "--spheroids", path(&table), "--no-cache"];
-    let made = microsig().args(optics).args(["--progress", "json"]).output().unwrap();
-    let said = text(&made.stderr);
-    assert!(
-        made.status.success() && said.contains(r#""task":"images","message":null,"done":105,"#),
-        "{said}"
-    );
+    let said = told(&[&optics[..], &["--progress", "json"]].concat());
+    assert!(said.contains(r#""task":"images","message":null,"done":105,"#), "{said}");
     let mut reader = csv::Reader::from_path(&table).unwrap();
     let rows: Vec<[f64; 10]> = reader.deserialize().collect::<Result<_, _>>().unwrap();
     assert_eq!(rows.len(), 105);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use serde_json::Value;
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, json, path, run, told};
 
 use crate::command::kill_when;
 
@@ -74,11 +74,6 @@ static LITTLE: LazyLock<Little> = LazyLock::new(|| {
     Little { _place: place, suite, datasets }
 });
 
-fn json(arguments: &[&str]) -> Value {
-    let quiet: &[&str] = if arguments.contains(&"--quiet") { &[] } else { &["--quiet"] };
-    serde_json::from_str(&run(&[arguments, quiet, &["--json"]].concat())).unwrap()
-}
-
 #[test]
 fn a_suite_is_listed_with_its_tracks_and_the_cases_of_a_size() {
     let suite = path(&LITTLE.suite);
@@ -124,7 +119,7 @@ fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
     assert!(expected.contains_key("suite.csv") && expected.contains_key("P2/noise_2/val/SHA256SUMS"));
     let place = tempfile::tempdir().unwrap();
     let again = place.path().join("again");
-    let all = ["suite", "generate", path(&c.suite), "--size", "smoke", "--quiet", "--out", path(&again)];
+    let all = ["suite", "generate", path(&c.suite), "--size", "smoke", "--out", path(&again)];
     for k in [3, 1, 2] {
         run(&[&all[..], &["--shard", &format!("{k}/3")]].concat());
     }
@@ -156,8 +151,7 @@ fn a_released_case_has_the_train_and_val_of_the_suite() {
     let out = place.path().join("out");
     let only = ["--case", "noise_2", "--creator", "Doe, Jane"];
     let of = ["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out)];
-    let told = suite::microsig::microsig().args(of).args(only).output().unwrap();
-    let told = suite::microsig::text(&told.stderr);
+    let told = told(&[&of[..], &only].concat());
     assert!(
         told.contains("P2/noise_2: test has ") && told.contains(" tracks, and scores of a result"),
         "{told}"

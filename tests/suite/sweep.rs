@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use suite::microsig::{fail, microsig, path, run, text};
+use suite::microsig::{fail, microsig, path, run, succeed, text};
 use suite::tree;
 
 const BASE: &str = r#"(
@@ -52,15 +52,14 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     std::fs::create_dir(&together).unwrap();
     for task in ["10", "12"] {
         let own = place.path().join(format!("task{task}"));
-        let output = microsig()
-            .args(["sweep", path(&sweep), "--out", path(&own), "--shard", "slurm", "--quiet", "--json"])
-            .env("SLURM_ARRAY_TASK_ID", task)
-            .env("SLURM_ARRAY_TASK_MIN", "10")
-            .env("SLURM_ARRAY_TASK_STEP", "2")
-            .env("SLURM_ARRAY_TASK_COUNT", "2")
-            .output()
-            .unwrap();
-        assert!(output.status.success());
+        let output = succeed(
+            microsig()
+                .args(["sweep", path(&sweep), "--out", path(&own), "--shard", "slurm", "--quiet", "--json"])
+                .env("SLURM_ARRAY_TASK_ID", task)
+                .env("SLURM_ARRAY_TASK_MIN", "10")
+                .env("SLURM_ARRAY_TASK_STEP", "2")
+                .env("SLURM_ARRAY_TASK_COUNT", "2"),
+        );
         let (said, result) = (text(&output.stderr), text(&output.stdout));
         let shard = format!("{}/2", if task == "10" { 1 } else { 2 });
         assert_eq!(said.trim(), format!("shard {shard}"), "a share is announced even with --quiet");
@@ -88,13 +87,13 @@ fn a_task_of_a_job_array_makes_all_cases_unless_it_is_asked_for_its_share() {
     let place = tempfile::tempdir().unwrap();
     let sweep = write(place.path(), SWEEP);
     let out = place.path().join("out");
-    let mut command = microsig();
-    command
-        .env("SLURM_ARRAY_TASK_ID", "2")
-        .env("SLURM_ARRAY_TASK_MIN", "1")
-        .env("SLURM_ARRAY_TASK_COUNT", "6");
-    let output = command.args(["sweep", path(&sweep), "--out", path(&out)]).output().unwrap();
-    assert!(output.status.success());
+    let output = succeed(
+        microsig()
+            .args(["sweep", path(&sweep), "--out", path(&out)])
+            .env("SLURM_ARRAY_TASK_ID", "2")
+            .env("SLURM_ARRAY_TASK_MIN", "1")
+            .env("SLURM_ARRAY_TASK_COUNT", "6"),
+    );
     let (said, result) = (text(&output.stderr), text(&output.stdout));
     assert!(result.contains("6 of 6 cases done") && !result.contains("shard"), "{result}");
     assert!(

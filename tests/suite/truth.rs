@@ -4,18 +4,15 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use suite::microsig::{json, manifest, path, run};
+use suite::microsig::{generate, json, manifest, path, run};
 
 /// A dataset with a sensor of 128 x 96 px and the other sections given by the test.
 fn dataset(place: &Path, name: &str, rest: &str) -> PathBuf {
-    let scenario = place.join(format!("{name}.ron"));
-    let out = place.join(name);
     let text = format!(
         "(name: \"{name}\", seed: 3, optics: (pixel_dim_x: 128, pixel_dim_y: 96, points_per_pixel: 4), \
          calibration: none, {rest})"
     );
-    std::fs::write(&scenario, text).unwrap();
-    run(&["generate", path(&scenario), "--out", path(&out)]);
+    let out = generate(place, name, &text);
     run(&["verify", path(&out)]);
     out
 }
