@@ -331,14 +331,7 @@ fn wrap(text: &str, letters: usize) -> Vec<String> {
 
 /// Plots series on linear axes.
 pub(crate) fn lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<String> {
-    let (x0, x1) = range(all_points(series).map(|p| p.0), false);
-    let (y0, y1) = range(all_points(series).map(|p| p.1), true);
-    draw(labels.title, SIZE, |area| {
-        let mut chart = chart_on(area).build_cartesian_2d(x0..x1, y0..y1).map_err(failed)?;
-        mesh!(chart, labels);
-        draw_all!(chart, series);
-        Ok(())
-    })
+    panels(labels, &[(String::new(), series.to_vec())], &Across::Linear)
 }
 
 /// Plots series on logarithmic axes, omitting values that are not positive. `None` if nothing remains.

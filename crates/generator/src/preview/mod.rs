@@ -479,6 +479,10 @@ mod tests {
             .unwrap()
     }
 
+    fn warns(shown: &Preview, text: &str) -> bool {
+        shown.warnings.iter().any(|warning| warning.contains(text))
+    }
+
     /// Numbers of the reference data (setting 1, 2 um; see `visibility`): the highest peak at -12 um, areas
     /// of images.
     #[test]
@@ -502,11 +506,7 @@ mod tests {
         assert!(field_um > 5.0 && field_um < 30.0, "{field_um}");
         assert!(shown.depth_of_correlation_um > field_um);
         // The Airy disc is as wide as the sharpest image.
-        assert!(
-            shown.warnings.iter().any(|warning| warning.contains("rays neglect diffraction")),
-            "{:?}",
-            shown.warnings
-        );
+        assert!(warns(&shown, "rays neglect diffraction"), "{:?}", shown.warnings);
     }
 
     #[test]
@@ -531,28 +531,23 @@ mod tests {
             let [x, y] = preview(&format!("focal_planes_um: {apart_um}"), "").sizes[0].focal_planes_um;
             assert!((x - y - apart_um).abs() < 0.03 * -apart_um, "{x} {y}");
         }
-        assert!(
-            shown.warnings.iter().any(|warning| warning.contains("saturation level")),
-            "{:?}",
-            shown.warnings
-        );
+        assert!(warns(&shown, "saturation level"), "{:?}", shown.warnings);
     }
 
     /// Also for images without diffraction: the wavefront aberration at best focus is 5.6 waves for 20x /
     /// 0.45, and below one wave for setting 1.
     #[test]
     fn the_lens_of_microsig_is_doubted_at_large_apertures() {
-        let warns =
-            |shown: &Preview| shown.warnings.iter().any(|warning| warning.contains("wavefront aberration"));
+        let aberrates = |shown: &Preview| warns(shown, "wavefront aberration");
         for mode in ["rays", "expected", "waves, wavelength_um: 0.55"] {
             let large = preview(
                 "magnification: 20, numerical_aperture: 0.45",
                 &format!("boundaries: (z_um: (-10, 5)), render: (mode: {mode})"),
             );
             let waves = large.path_difference_waves.unwrap();
-            assert!(waves > 4.5 && waves < 7.0 && warns(&large), "{mode}: {waves} {:?}", large.warnings);
+            assert!(waves > 4.5 && waves < 7.0 && aberrates(&large), "{mode}: {waves} {:?}", large.warnings);
         }
-        assert!(!warns(&preview("", "")));
+        assert!(!aberrates(&preview("", "")));
     }
 
     /// Sizes of a list: a size that is fainter than the noise is named; the source density holds for the
@@ -568,36 +563,34 @@ mod tests {
                 ),
             )
         };
-        let dim = |shown: &Preview, text: &str| shown.warnings.iter().any(|warning| warning.contains(text));
         let (small, large) = (of("constant(0.8)"), of("constant(4)"));
         let mixed = of("list([(0.8, 3), (4, 1)])");
         let expected = 0.75 * small.source_density + 0.25 * large.source_density;
         assert!((mixed.source_density / expected - 1.0).abs() < 0.02, "{} {expected}", mixed.source_density);
-        assert!(dim(&mixed, "0.800 um particles have a peak of at most"), "{:?}", mixed.warnings);
-        assert!(!dim(&large, "particles have a peak of at most"), "{:?}", large.warnings);
+        assert!(warns(&mixed, "0.800 um particles have a peak of at most"), "{:?}", mixed.warnings);
+        assert!(!warns(&large, "particles have a peak of at most"), "{:?}", large.warnings);
     }
 
     #[test]
     fn hopeless_densities_and_clipped_noise_are_named() {
         let of = |optics: &str, number: &str| preview(optics, &format!("particles: (number: {number})"));
-        let said = |shown: &Preview, text: &str| shown.warnings.iter().any(|warning| warning.contains(text));
         let crowded = of("", "ppp(0.02)");
         let usual = storage::dataset::usual_ppp(crowded.particles_per_px, crowded.source_density).unwrap();
         assert!((crowded.particles_per_px / 0.02 - 1.0).abs() < 0.01 && crowded.source_density > 1.0);
         assert!(
-            said(&crowded, "images overlap almost everywhere")
-                && said(&crowded, "particles per pixel give N_S = 0.3")
+            warns(&crowded, "images overlap almost everywhere")
+                && warns(&crowded, "particles per pixel give N_S = 0.3")
         );
         let advised = of("", &format!("ppp({usual})"));
         assert!(
-            (advised.source_density / 0.3 - 1.0).abs() < 0.01 && !said(&advised, "overlap"),
+            (advised.source_density / 0.3 - 1.0).abs() < 0.01 && !warns(&advised, "overlap"),
             "{:?}",
             advised.warnings
         );
         let clipped = of("background_mean: 3, background_noise: 2", "count(7)");
-        assert!(said(&clipped, "4.0 % of the dark pixels is clipped"), "{:?}", clipped.warnings);
-        assert!(!said(&of("background_mean: 6, background_noise: 2", "count(7)"), "clipped"));
-        assert!(said(
+        assert!(warns(&clipped, "4.0 % of the dark pixels is clipped"), "{:?}", clipped.warnings);
+        assert!(!warns(&of("background_mean: 6, background_noise: 2", "count(7)"), "clipped"));
+        assert!(warns(
             &of("background_mean: 9000, background_noise: 3000", "count(7)"),
             "images vanish in the noise"
         ));
