@@ -508,29 +508,30 @@ pub(crate) fn shorten(problems: &mut Vec<String>) {
 mod tests {
     use super::*;
 
-    fn sheet(text: &str) -> Result<Vec<f64>> {
+    /// The numbers in column b, and the note on the table.
+    fn read(text: &str) -> Result<(Vec<f64>, String)> {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("t.csv");
         std::fs::write(&path, text).unwrap();
         let sheet = TextTable::open(&path, 1)?;
         let column = sheet.need("b")?;
         let mut values = Vec::new();
-        sheet.rows(|cells| {
+        let note = sheet.rows(|cells| {
             values.push(cells.number(column)?);
             Ok(())
         })?;
-        Ok(values)
+        Ok((values, note.unwrap_or_default()))
     }
 
     #[test]
     fn line_ends_quotes_and_empty_lines_do_not_matter() {
-        assert_eq!(sheet("a,\"b\"\r\n1,2\r\n\r\n3,\"4\"").unwrap(), [2.0, 4.0]);
-        assert_eq!(sheet("# a b\n 1  2.5e0\n\n3\t4\n").unwrap(), [2.5, 4.0]);
+        assert_eq!(read("a,\"b\"\r\n1,2\r\n\r\n3,\"4\"").unwrap().0, [2.0, 4.0]);
+        assert_eq!(read("# a b\n 1  2.5e0\n\n3\t4\n").unwrap().0, [2.5, 4.0]);
     }
 
     #[test]
     fn problems_name_their_lines() {
-        let message = |text| sheet(text).unwrap_err().to_string();
+        let message = |text| read(text).unwrap_err().to_string();
         assert!(
             message("a,b\n1,2\n1,2,5\n")
                 .contains("t.csv:3: 3 fields where the header has 2 (numbers with decimal")
@@ -549,19 +550,6 @@ mod tests {
 
     #[test]
     fn semicolons_tabs_and_decimal_commas_are_read_and_said() {
-        let read = |text: &str| {
-            let place = tempfile::tempdir().unwrap();
-            let path = place.path().join("t.csv");
-            std::fs::write(&path, text).unwrap();
-            let sheet = TextTable::open(&path, 1)?;
-            let column = sheet.need("b")?;
-            let mut values = Vec::new();
-            let note = sheet.rows(|cells| {
-                values.push(cells.number(column)?);
-                Ok(())
-            })?;
-            Ok::<_, Error>((values, note.unwrap_or_default()))
-        };
         let cases = [
             ("a,b\n1,2.5\n", ""),
             ("a;b\n1;2,5\n", "read as a table with semicolons between columns, with decimal commas"),
