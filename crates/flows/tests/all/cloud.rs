@@ -9,6 +9,8 @@ use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
 use std::collections::HashSet;
 
+use crate::{LIMIT, chi_square, times};
+
 /// Displacements range from 0 to 14.835 um (23 px of 0.645 um) per frame.
 const FASTEST_UM: f64 = 23.0 * 0.645;
 const DT_S: f64 = 0.01;
@@ -38,39 +40,6 @@ fn poiseuille() -> Poiseuille {
     Poiseuille::new(FASTEST_UM / DT_S, -80.0, 20.0, 0.0).unwrap()
 }
 
-fn times(frames: u32) -> Vec<f64> {
-    (0..frames).map(|k| DT_S * f64::from(k)).collect()
-}
-
-fn record(
-    field: &dyn VelocityField,
-    domain: &Domain,
-    seeding: &Seeding,
-    frames: u32,
-    seed: u64,
-) -> Vec<Frame> {
-    let scene = Scene::new(field, domain, seeding).unwrap();
-    let sequence = scene.record(&times(frames), Streams::new(seed), RecordingStart::default()).unwrap();
-    sequence.map(Result::unwrap).collect()
-}
-
-/// Chi-square of the counts in equal bins along an axis against a Poisson process with the given expected
-/// total.
-fn chi_square(positions: &[DVec3], room: &Region, axis: usize, bins: usize, expected: f64) -> f64 {
-    let mut counts = vec![0.0; bins];
-    for x in positions {
-        let place = (x[axis] - room.min()[axis]) / room.size()[axis];
-        // A center may be exactly one radius from the upper wall.
-        counts[((place * bins as f64) as usize).min(bins - 1)] += 1.0;
-    }
-    let mean = expected / bins as f64;
-    counts.iter().map(|n| (n - mean) * (n - mean) / mean).sum()
-}
-
-const BINS: usize = 20;
-/// Exceeded with probability 1e-5 by chi-square with 20 degrees of freedom (the total is random too).
-const LIMIT: f64 = 59.0;
-
 fn positions(frame: &Frame) -> Vec<DVec3> {
     frame.tracers.iter().map(|tracer| tracer.position).collect()
 }
@@ -79,7 +48,8 @@ fn positions(frame: &Frame) -> Vec<DVec3> {
 fn worst_profile(positions: &[DVec3], domain: &Domain, seeding: &Seeding) -> f64 {
     let room = domain.room(1.0).unwrap();
     let expected = density(seeding, domain) * domain.region().volume();
-    (0..3).map(|axis| chi_square(positions, &room, axis, BINS, expected)).fold(0.0, f64::max)
+    let chi = |axis| chi_square(positions.iter().copied(), &room, axis, expected);
+    (0..3).map(chi).fold(0.0, f64::max)
 }
 
 /// Selected frames of a long recording, without storing the others.
@@ -92,7 +62,7 @@ fn snapshots(
 ) -> Vec<Frame> {
     let scene = Scene::new(field, domain, seeding).unwrap();
     let last = indices.iter().copied().max().unwrap();
-    let sequence = scene.record(&times(last + 1), Streams::new(seed), RecordingStart::default()).unwrap();
+    let sequence = scene.record(&times(last + 1, DT_S), Streams::new(seed), RecordingStart::default()).unwrap();
     sequence.map(Result::unwrap).filter(|frame| indices.contains(&frame.index)).collect()
 }
 
@@ -121,8 +91,8 @@ fn a_channel_flow_stays_uniform_over_400_frames() {
 #[test]
 fn no_inflow_would_fail_the_same_test() {
     let (domain, seeding) = (channel(), seeding());
-    let frames = record(&poiseuille(), &domain, &seeding, 11, 1);
-    let old: Vec<DVec3> = frames[0].links(&frames[10]).map(|(_, tracer)| tracer.position).collect();
+    let frames = snapshots(&poiseuille(), &domain, &seeding, &[0, 10], 1);
+    let old: Vec<DVec3> = frames[0].links(&frames[1]).map(|(_, tracer)| tracer.position).collect();
     assert!(worst_profile(&old, &domain, &seeding) > 10.0 * LIMIT);
 }
 
@@ -177,7 +147,7 @@ fn ids_are_never_used_again() {
     let (domain, seeding, field) = (channel(), seeding(), poiseuille());
     let scene = Scene::new(&field, &domain, &seeding).unwrap();
     let start = RecordingStart { recording: 3, first_frame: 6, first_id: 1000 };
-    let mut sequence = scene.record(&times(20), Streams::new(5), start).unwrap();
+    let mut sequence = scene.record(&times(20, DT_S), Streams::new(5), start).unwrap();
     let (mut gone, mut alive) = (HashSet::new(), HashSet::new());
     let mut index = 6;
     while let Some(frame) = sequence.next() {
@@ -194,8 +164,8 @@ fn ids_are_never_used_again() {
     assert!(!gone.is_empty() && index == 26);
     // The next recording continues the ids of this one with an independent cloud.
     let next = RecordingStart { recording: 4, first_frame: 26, first_id: sequence.next_id() };
-    let fresh = scene.record(&times(2), Streams::new(5), next).unwrap().next().unwrap().unwrap();
+    let fresh = scene.record(&times(2, DT_S), Streams::new(5), next).unwrap().next().unwrap().unwrap();
     assert_eq!(fresh.tracers[0].id, next.first_id);
-    let old = scene.record(&times(1), Streams::new(5), start).unwrap().next().unwrap().unwrap();
+    let old = scene.record(&times(1, DT_S), Streams::new(5), start).unwrap().next().unwrap().unwrap();
     assert_ne!(fresh.tracers[0].position, old.tracers[0].position);
 }

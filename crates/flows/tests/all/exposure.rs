@@ -2,29 +2,24 @@
 
 use flows::fields::{LambOseen, Linear};
 use flows::{
-    Boundary, Brownian, Diameters, Domain, Frame, Orientation, RecordingStart, Region, Scene, Seeding,
-    Shutter, Spheroids, VelocityField,
+    Boundary, Brownian, Diameters, Domain, Frame, Orientation, Region, Scene, Seeding, Shutter, Spheroids,
+    VelocityField,
 };
 use glam::{DVec2, DVec3};
-use microsig_core::stream::Streams;
+
+use crate::{brownian, frames, times};
 
 const PIECE_UM: f64 = 0.25 * 0.645;
-
-/// Brownian motion in water with a different viscosity, Pa s.
-fn diffusing(viscosity_pa_s: f64, substeps: u32) -> Brownian {
-    Brownian { viscosity_pa_s, substeps, ..Brownian::default() }
-}
 
 fn domain() -> Domain {
     let region = Region::new(DVec3::new(-100.0, -100.0, -80.0), DVec3::new(100.0, 100.0, 20.0)).unwrap();
     Domain::new(region, [Boundary::Open, Boundary::Open, Boundary::Wall])
 }
 
-fn record(field: &dyn VelocityField, shutter: Shutter, frames: u32, adorn: fn(Scene) -> Scene) -> Vec<Frame> {
+fn record(field: &dyn VelocityField, shutter: Shutter, count: u32, adorn: fn(Scene) -> Scene) -> Vec<Frame> {
     let (domain, seeding) = (domain(), Seeding::poisson(2e-5, Diameters::equal(2.0).unwrap()).unwrap());
     let scene = adorn(Scene::new(field, &domain, &seeding).unwrap().with_shutter(shutter));
-    let times: Vec<f64> = (0..frames).map(|k| 0.01 * f64::from(k)).collect();
-    scene.record(&times, Streams::new(3), RecordingStart::default()).unwrap().map(Result::unwrap).collect()
+    frames(&scene, &times(count, 0.01), 3)
 }
 
 fn centroid(frame: &Frame, i: usize) -> DVec3 {
@@ -96,10 +91,10 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
     let field = Linear::uniform(DVec3::ZERO).unwrap();
     // In a liquid with a thousandth of the viscosity of water, so that Brownian motion of 2 um particles is
     // visible.
-    fn brownian(scene: Scene) -> Scene {
-        scene.with_brownian(diffusing(1e-6, 1))
+    fn thermal(scene: Scene) -> Scene {
+        scene.with_brownian(brownian(1e-6, 1))
     }
-    let frames = record(&field, Shutter::new(0.01, 1, 0.0, PIECE_UM).unwrap(), 8, brownian);
+    let frames = record(&field, Shutter::new(0.01, 1, 0.0, PIECE_UM).unwrap(), 8, thermal);
     let (mut squares, mut n) = (0.0, 0.0);
     for frame in &frames {
         for (tracer, streak) in frame.tracers.iter().zip(&frame.streaks) {
@@ -111,7 +106,7 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
         }
     }
     let k = frames[0].streaks[0].points.len() as f64;
-    let d = diffusing(1e-6, 1).diffusion(2.0);
+    let d = brownian(1e-6, 1).diffusion(2.0);
     // The last of K points is the mean over 1/K of the exposure that begins (1/2 - 1/K) of it after its middle.
     let expected = 2.0 * d * 0.01 * (0.5 - 1.0 / k + 1.0 / (3.0 * k));
     let relative = squares / n / expected - 1.0;
@@ -135,13 +130,7 @@ fn images_of_diffusing_particles_move_as_in_a_camera() {
         let shutter = Shutter::new(open_s, 1, 0.0, piece_um).unwrap();
         let scene = Scene::new(&field, &domain, &seeding).unwrap().with_shutter(shutter).keeping_ids();
         let brownian = Brownian::default();
-        let times: Vec<f64> = (0..4).map(|k| DT_S * f64::from(k)).collect();
-        let frames: Vec<Frame> = scene
-            .with_brownian(brownian)
-            .record(&times, Streams::new(3), RecordingStart::default())
-            .unwrap()
-            .map(Result::unwrap)
-            .collect();
+        let frames = frames(&scene.with_brownian(brownian), &times(4, DT_S), 3);
         assert_eq!(frames[0].streaks[0].points.len(), points);
         let [mut positions, mut images, mut centers, mut both, mut n] = [0.0; 5];
         let wrapped = |d: DVec3| d - (d / 100.0).round() * 100.0;

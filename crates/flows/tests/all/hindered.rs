@@ -2,13 +2,10 @@
 
 use flows::fields::{Linear, Poiseuille};
 use flows::hindered::{resistance_across, slip_in_shear};
-use flows::{
-    Boundary, Brownian, Diameters, Domain, Frame, RecordingStart, Region, Scene, Seeding, Settling, Shutter,
-    VelocityField,
-};
+use flows::{Boundary, Diameters, Domain, Region, Scene, Seeding, Settling, Shutter, VelocityField};
 use glam::DVec3;
-use microsig_core::stream::Streams;
 
+use crate::{frames, times, water};
 use Boundary::{Open, Periodic, Wall};
 
 const RADIUS_UM: f64 = 0.25;
@@ -23,15 +20,6 @@ fn domain(boundaries: [Boundary; 3]) -> Domain {
 fn seeding(factor: f64) -> Seeding {
     let per_um3 = factor * 1000.0 / (1600.0 * DEPTH_UM);
     Seeding::poisson(per_um3, Diameters::equal(2.0 * RADIUS_UM).unwrap()).unwrap()
-}
-
-fn water(substeps: u32) -> Brownian {
-    Brownian { substeps, ..Default::default() }
-}
-
-fn frames(scene: &Scene, count: u32, dt_s: f64) -> Vec<Frame> {
-    let times: Vec<f64> = (0..count).map(|k| dt_s * f64::from(k)).collect();
-    scene.record(&times, Streams::new(3), RecordingStart::default()).unwrap().map(Result::unwrap).collect()
 }
 
 /// Largest deviation of the distribution of `shares` from a uniform one (Kolmogorov-Smirnov), times the
@@ -55,7 +43,7 @@ fn a_cloud_in_an_open_channel_stays_uniform_and_off_the_walls() {
     let shutter = Shutter::new(0.004, 1, 0.0, 0.1).unwrap();
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_brownian(water(2)).with_shutter(shutter);
     // A sphere crosses the channel by diffusion in 3 s, and the view by the flow in 0.1 s.
-    let frames = frames(&scene.with_slowing_walls(), 20, 0.01);
+    let frames = frames(&scene.with_slowing_walls(), &times(20, 0.01), 3);
     for frame in &frames {
         let places = frame.tracers.iter().map(|tracer| tracer.position);
         let streak_points =
@@ -78,7 +66,8 @@ fn spheres_lag_behind_the_flow_at_their_height() {
     let field = Poiseuille::new(400.0, 0.0, DEPTH_UM, 0.0).unwrap();
     let (domain, seeding) = (domain([Periodic, Open, Wall]), seeding(1.0));
     let scene = Scene::new(&field, &domain, &seeding).unwrap().keeping_ids();
-    let (free, slow) = (frames(&scene, 2, 0.01), frames(&scene.with_slowing_walls(), 2, 0.01));
+    let times = times(2, 0.01);
+    let (free, slow) = (frames(&scene, &times, 3), frames(&scene.with_slowing_walls(), &times, 3));
     for (free, slow) in free[1].tracers.iter().zip(&slow[1].tracers) {
         let z = free.position.z;
         let gap = |clearance: f64| clearance / RADIUS_UM - 1.0;
@@ -98,7 +87,7 @@ fn a_sinking_sphere_approaches_the_floor_without_touching_it() {
     let (domain, seeding) = (domain([Open, Open, Wall]), seeding(0.1));
     let heavy = Settling { density_difference_kg_m3: 1e4, ..Default::default() };
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_settling(heavy).with_slowing_walls();
-    let frames = frames(&scene, 6, 0.2);
+    let frames = frames(&scene, &times(6, 0.2), 3);
     // 9.81 * 1e4 * 0.5^2 / (18 * 0.89e-3) um/s.
     let speed = 9.806_65e4 * 0.25 / (18.0 * 0.89e-3) * 1e-6;
     let gap = |clearance: f64| clearance / RADIUS_UM - 1.0;

@@ -6,12 +6,13 @@ use flows::fields::{
     SourceParams, SourceShape,
 };
 use flows::{
-    Axis, Body, Boundary, Brownian, Diameters, Domain, Frame, Intensities, Orientation, RecordingStart,
-    Region, Scene, Seeding, Settling, SpheroidFriction, Spheroids, VelocityField,
+    Axis, Body, Boundary, Diameters, Domain, Frame, Intensities, Orientation, Region, Scene, Seeding,
+    Settling, SpheroidFriction, Spheroids, VelocityField,
 };
 use glam::DVec3;
-use microsig_core::stream::Streams;
 use std::f64::consts::PI;
+
+use crate::{LIMIT, brownian, chi_square, frames, times, water};
 
 use Boundary::{Open, Periodic, Wall};
 
@@ -27,44 +28,14 @@ fn seeding() -> Seeding {
     Seeding::poisson(1e-3, Diameters::equal(1.0).unwrap()).unwrap()
 }
 
-/// Brownian motion in water with a different viscosity, Pa s.
-fn brownian(viscosity_pa_s: f64, substeps: u32) -> Brownian {
-    Brownian { viscosity_pa_s, substeps, ..Brownian::default() }
-}
-
-fn water(substeps: u32) -> Brownian {
-    Brownian { substeps, ..Default::default() }
-}
-
 fn rest() -> Linear {
     Linear::uniform(DVec3::ZERO).unwrap()
 }
 
-fn times(frames: u32, dt_s: f64) -> Vec<f64> {
-    (0..frames).map(|k| dt_s * f64::from(k)).collect()
-}
-
-fn frames(scene: &Scene, times: &[f64], seed: u64) -> Vec<Frame> {
-    scene.record(times, Streams::new(seed), RecordingStart::default()).unwrap().map(Result::unwrap).collect()
-}
-
-/// Chi-square of the counts in 20 equal bins along an axis against `expected` in total.
-fn chi_square(frame: &Frame, room: &Region, axis: usize, expected: f64) -> f64 {
-    let mut counts = [0.0; 20];
-    for tracer in &frame.tracers {
-        let place = (tracer.position[axis] - room.min()[axis]) / room.size()[axis];
-        counts[((place * 20.0) as usize).min(19)] += 1.0;
-    }
-    counts.iter().map(|n| (n - expected / 20.0) * (n - expected / 20.0) / (expected / 20.0)).sum()
-}
-
-/// Exceeded with probability 1e-5 by chi-square of 20 degrees of freedom.
-const LIMIT: f64 = 59.0;
-
 fn assert_uniform(what: &str, frame: &Frame, domain: &Domain, expected: f64) {
     let room = domain.room(0.5).unwrap();
     for axis in 0..3 {
-        let chi = chi_square(frame, &room, axis, expected);
+        let chi = chi_square(frame.tracers.iter().map(|t| t.position), &room, axis, expected);
         println!("{what}, axis {axis}: {} tracers, chi-square {chi:.1}", frame.tracers.len());
         assert!(chi < LIMIT, "{what}, axis {axis}: {chi}");
     }

@@ -7,12 +7,14 @@ use flows::fields::{
 };
 use flows::registry::ENTRIES;
 use flows::{
-    Body, Boundary, Brownian, Diameters, Domain, FluidRegion, Frame, RecordingStart, Region, Scene, Seeding,
+    Body, Boundary, Diameters, Domain, FluidRegion, Frame, RecordingStart, Region, Scene, Seeding,
     VelocityField, Wall,
 };
 use glam::DVec3;
 use microsig_core::stream::Streams;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+use crate::{brownian, frames, times};
 
 const DT_S: f64 = 0.005;
 const RADIUS_UM: f64 = 1.0;
@@ -25,16 +27,6 @@ fn wide() -> Domain {
 
 fn two_um() -> Diameters {
     Diameters::equal(2.0 * RADIUS_UM).unwrap()
-}
-
-/// Brownian steps of 0.7 um per frame.
-fn hot() -> Brownian {
-    Brownian { viscosity_pa_s: 0.89e-5, substeps: 1, ..Default::default() }
-}
-
-fn record(scene: &Scene<'_>, frames: u32) -> Vec<Frame> {
-    let times: Vec<f64> = (0..frames).map(|k| DT_S * f64::from(k)).collect();
-    scene.record(&times, Streams::new(6), RecordingStart::default()).unwrap().map(Result::unwrap).collect()
 }
 
 /// Every field of the registry that has walls.
@@ -113,9 +105,11 @@ fn no_particle_is_in_a_wall_and_the_cloud_stays_uniform() {
     for (name, field) in walled() {
         let domain = wide();
         let seeding = Seeding::mean_in_view(3000.0, *domain.region(), two_um()).unwrap();
-        let scene = Scene::new(field.as_ref(), &domain, &seeding).unwrap().with_brownian(hot());
+        // Brownian steps of 0.7 um per frame.
+        let hot = brownian(0.89e-5, 1);
+        let scene = Scene::new(field.as_ref(), &domain, &seeding).unwrap().with_brownian(hot);
         let fluid = scene.fluid();
-        let frames = record(&scene, 21);
+        let frames = frames(&scene, &times(21, DT_S), 6);
         for frame in &frames {
             for tracer in &frame.tracers {
                 let (x, t) = (tracer.position, frame.t_s);
@@ -291,7 +285,7 @@ fn sound_drives_each_particle_by_its_own_diameter() {
     for (d_um, speed) in [(1.0, 4.113), (2.0, 16.453), (4.0, 65.81)] {
         let seeding = Seeding::list(places.clone(), Diameters::equal(d_um).unwrap()).unwrap();
         let scene = Scene::new(&field, &domain, &seeding).unwrap();
-        let frames = record(&scene, 2);
+        let frames = frames(&scene, &times(2, DT_S), 6);
         let velocity = frames[0].tracers[0].velocity.unwrap();
         assert!((velocity - DVec3::new(100.0, speed, 0.0)).length() < 5e-3, "{d_um}: {velocity}");
         let step = frames[1].tracers[0].step.unwrap().actual;
