@@ -55,5 +55,5 @@ pub use suite::{
     AxisLabel, AxisValue, LadderSpec, Metric, SUITE, Size, SizeSpec, Sizes, Suite, SuiteCase, SuiteSpec,
     TrackSpec, suite_schema,
 };
-pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep, sweep_schema};
+pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep};
 pub use truth_grid::{Nodes, Weighting};

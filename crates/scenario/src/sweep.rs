@@ -58,7 +58,7 @@ pub struct SweepSpec {
 }
 
 /// The schema of sweep files.
-pub fn sweep_schema() -> Schema<'static> {
+fn sweep_schema() -> Schema<'static> {
     static ROOT: LazyLock<Value> = LazyLock::new(schema_of::<SweepSpec>);
     Schema::root(&ROOT)
 }

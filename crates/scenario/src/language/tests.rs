@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::super::spec::schema as scenario;
-use super::super::{Shipped, parse, resolve, shipped, sweep_schema, write};
+use super::super::{Shipped, parse, resolve, shipped, write};
 use super::derive::schema_of;
 use super::document::{Picture, Scene, document};
 use super::graft::{assigned, graft};
@@ -117,13 +117,6 @@ fn a_key_that_is_added_to_a_struct_is_known_everywhere() {
         (&json["x-unit"], &json["default"], &json["maximum"]),
         (&"nm".into(), &532.0.into(), &2000.0.into())
     );
-}
-
-#[test]
-fn every_key_has_a_meaning() {
-    for (path, entry) in scenario().keys().into_iter().chain(sweep_schema().keys()) {
-        assert!(!entry.meaning().is_empty(), "{path}: expected a doc comment");
-    }
 }
 
 /// A scenario in which a key has a valid value, and the key's path with list indices.
