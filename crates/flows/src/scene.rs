@@ -58,11 +58,6 @@ impl<'a> Scene<'a> {
         .seeded_at(0.0)
     }
 
-    /// With bodies that tracers cannot enter; `Err` if the seeding is incompatible with them.
-    pub fn with_bodies(self, bodies: &'a [Body]) -> Result<Self> {
-        Scene { bodies, kept: None, ..self }.seeded_at(0.0)
-    }
-
     /// With the candidate density recomputed for the walls at `t` (s).
     pub(crate) fn seeded_at(self, t: f64) -> Result<Self> {
         Ok(Scene { density: self.seeding.density(&self.fluid(), t)?, ..self })

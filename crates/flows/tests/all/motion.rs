@@ -6,7 +6,7 @@ use flows::fields::{
     SourceParams, SourceShape,
 };
 use flows::{
-    Axis, Body, Boundary, Diameters, Domain, Frame, Intensities, Orientation, Region, Scene, Seeding,
+    Axis, Body, Boundary, Diameters, Domain, FluidRegion, Frame, Intensities, Orientation, Region, Scene, Seeding,
     Settling, SpheroidFriction, Spheroids, VelocityField,
 };
 use glam::DVec3;
@@ -210,9 +210,10 @@ fn bodies_stay_free_and_the_rest_uniform() {
     let domain = domain([Open, Open, Wall]);
     let field = HeleShaw::new(&HeleShawParams { mean_speed_um_s: 1000.0, ..Default::default() }).unwrap();
     let bodies = [Body::Cylinder { center_um: (0.0, 0.0), radius_um: 60.0 }];
+    let fluid = FluidRegion::new(&field, &domain, &bodies);
     for brownian in [None, Some(water(1))] {
         let seeding = seeding();
-        let mut scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
+        let mut scene = Scene::in_fluid(fluid, &seeding).unwrap();
         if let Some(brownian) = brownian {
             scene = scene.with_brownian(brownian);
         }
@@ -234,7 +235,7 @@ fn bodies_stay_free_and_the_rest_uniform() {
     // A count in view is the number of particles in the view, outside the bodies.
     let view = Region::new(DVec3::new(-70.0, -70.0, -80.0), DVec3::new(70.0, 70.0, 20.0)).unwrap();
     let seeding = Seeding::count_in_view(300, view, Diameters::equal(1.0).unwrap());
-    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
+    let scene = Scene::in_fluid(fluid, &seeding).unwrap();
     let first = &frames(&scene, &[0.0], 7)[0];
     assert_eq!(first.tracers.iter().filter(|tracer| view.contains(tracer.position)).count(), 300);
 }
@@ -245,7 +246,7 @@ fn a_drain_takes_what_falls_into_it() {
     let params = SourceParams { shape: SourceShape::Point, core_speed_um_s: -900.0, ..Default::default() };
     let field = Source::new(&params).unwrap();
     let bodies = [Body::Drain { center_um: (0.0, 0.0, -30.0), radius_um: 20.0 }];
-    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
+    let scene = Scene::in_fluid(FluidRegion::new(&field, &domain, &bodies), &seeding).unwrap();
     let frames = frames(&scene, &times(11, DT_S), 8);
     for frame in &frames {
         assert!(frame.tracers.iter().all(|t| t.position.distance(DVec3::Z * -30.0) >= 20.0));
@@ -297,9 +298,7 @@ fn with_everything_on_threads_and_run_length_change_nothing() {
         LambOseen::from_params(&LambOseenParams { viscosity_um2_s: 1e3, ..Default::default() }).unwrap();
     let bodies = [Body::Sphere { center_um: (60.0, 0.0, -30.0), radius_um: 20.0 }];
     let orientation = Orientation::VonMisesFisher { mean: (1.0, 0.0, 0.0), kappa: 5.0 };
-    let scene = Scene::new(&field, &domain, &seeding)
-        .unwrap()
-        .with_bodies(&bodies)
+    let scene = Scene::in_fluid(FluidRegion::new(&field, &domain, &bodies), &seeding)
         .unwrap()
         .with_brownian(water(2))
         .with_settling(Settling { density_difference_kg_m3: 50.0, ..Default::default() })
