@@ -15,7 +15,6 @@ use pyo3::exceptions::{
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use storage::Error;
-use storage::advice::Advice;
 
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);
@@ -164,8 +163,8 @@ pub(crate) fn defect(panic: &(dyn Any + Send)) -> PyErr {
 /// The exception of an error, with its message.
 pub(crate) fn raise(error: Error) -> PyErr {
     let text = match &error {
-        Error::Options(all) => all.iter().map(Advice::in_python).collect::<Vec<_>>().join("\n"),
-        Error::Exists { path, hint } => format!("{}: {}", path.display(), hint.in_python()),
+        Error::Options(all) => all.iter().map(|advice| advice.python.as_str()).collect::<Vec<_>>().join("\n"),
+        Error::Exists { path, hint } => format!("{}: {}", path.display(), hint.python),
         error => error.messages().join("\n"),
     };
     let text = printable(&text);

@@ -1,7 +1,9 @@
 //! The errors of this crate, and checks of parameters.
 
 use glam::DVec3;
-use microsig_core::{Interval, shown};
+use microsig_core::Interval;
+use microsig_core::problem::Problem;
+use std::fmt;
 use std::ops::Bound;
 
 /// An error of a flow, its seeding or its trajectories.
@@ -10,29 +12,18 @@ use std::ops::Bound;
 /// integrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A parameter outside its range.
-    #[error("{owner}: {parameter} = {value}: expected {allowed}")]
-    Parameter {
-        /// The field or the part of the scene that the parameter belongs to.
-        owner: &'static str,
-        /// Name of the parameter.
-        parameter: &'static str,
-        /// The value as given.
-        value: String,
-        /// The allowed range in words.
-        allowed: String,
-    },
+    /// A parameter outside its range, within the field or the part of the scene that it belongs to.
+    #[error("{0}")]
+    Parameter(Problem),
     /// Malformed input data.
-    #[error("{format}{}: {found}: expected {expected}", .line.map(|line| format!(", line {line}")).unwrap_or_default())]
+    #[error("{format}{}: {problem}", .line.map(|line| format!(", line {line}")).unwrap_or_default())]
     Data {
         /// The format that was read.
         format: &'static str,
         /// Line number from 1, if the format has lines.
         line: Option<usize>,
-        /// What was found.
-        found: String,
-        /// What was expected.
-        expected: String,
+        /// What was found and expected.
+        problem: Box<Problem>,
     },
     /// Parts that are valid by themselves but cannot be combined.
     #[error("{0}")]
@@ -69,8 +60,8 @@ pub(crate) struct ParameterCheck(pub(crate) &'static str);
 
 impl ParameterCheck {
     /// The error for a parameter, for rules that the other checks do not cover.
-    pub(crate) fn fault(&self, parameter: &'static str, value: impl ToString, allowed: &str) -> Error {
-        Error::Parameter { owner: self.0, parameter, value: shown(value), allowed: allowed.to_owned() }
+    pub(crate) fn fault(&self, parameter: &str, value: impl fmt::Display, allowed: &str) -> Error {
+        Error::Parameter(Problem::value(parameter, value, allowed).within(self.0))
     }
 
     pub(crate) fn number(&self, parameter: &'static str, value: f64, range: Interval) -> Result<f64> {

@@ -20,8 +20,10 @@ use crate::{
 
 use glam::DVec3;
 use microsig_core::Spheroid;
+use microsig_core::problem::Problem;
 use microsig_core::stream::{Purpose, Streams};
 use std::collections::BTreeSet;
+use std::fmt::Display;
 use std::io::BufRead;
 
 /// Maximum number of rows of a table.
@@ -100,8 +102,8 @@ struct Columns {
     count: usize,
 }
 
-fn fault(line: usize, found: impl Into<String>, expected: impl Into<String>) -> Error {
-    Error::Data { format: "tracks", line: Some(line), found: found.into(), expected: expected.into() }
+fn fault(line: usize, found: impl Display, expected: &str) -> Error {
+    Error::Data { format: "tracks", line: Some(line), problem: Problem::value("", found, expected).into() }
 }
 
 impl Columns {
@@ -129,7 +131,7 @@ impl Columns {
         for group in [&OPTIONAL[3..6], &OPTIONAL[6..8], &OPTIONAL[8..11]] {
             let there = group.iter().filter(|name| column(name).is_some()).count();
             if there != 0 && there != group.len() {
-                faults.push(fault(1, found(), format!("all of {} or none", group.join(", "))));
+                faults.push(fault(1, found(), &format!("all of {} or none", group.join(", "))));
             }
         }
         let (Some(frame), Some(track), Some(place), true) =
@@ -148,7 +150,7 @@ impl Columns {
         let cells: Vec<&str> = text.split(',').map(str::trim).collect();
         if cells.len() != self.count {
             let expected = format!("{}, as in the header", self.count);
-            return Err(fault(line, format!("{} columns", cells.len()), expected));
+            return Err(fault(line, format!("{} columns", cells.len()), &expected));
         }
         let number = |name: &str, column: usize, allowed: &str, fits: &dyn Fn(f64) -> bool| {
             let value = cells[column].parse().ok().filter(|value: &f64| value.is_finite() && fits(*value));
@@ -235,7 +237,7 @@ impl RecordedTracks {
         {
             let (first, second) = (pair[0].line.min(pair[1].line), pair[0].line.max(pair[1].line));
             let found = format!("a second row for track {} in frame {}", pair[0].track, pair[0].frame);
-            faults.push(fault(second, found, format!("one, as in line {first}")));
+            faults.push(fault(second, found, &format!("one, as in line {first}")));
         }
         if rows.is_empty() && faults.is_empty() {
             faults.push(fault(1, "a header only", "at least one row"));

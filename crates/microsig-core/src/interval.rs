@@ -75,7 +75,7 @@ impl fmt::Display for Interval {
 }
 
 /// A number as text, in scientific notation if it is small or if that is clearly shorter: 0.01, 32768, 1e6.
-fn short(x: f64) -> String {
+pub fn short(x: f64) -> String {
     let (plain, scientific) = (format!("{x}"), format!("{x:e}"));
     if x.abs() >= 1e-4 && plain.len() < scientific.len() + 3 || x == 0.0 { plain } else { scientific }
 }

@@ -41,6 +41,7 @@ pub mod optics;
 mod particle;
 mod philox;
 pub mod pool;
+pub mod problem;
 pub mod quadrature;
 pub mod random;
 pub mod render;
@@ -49,7 +50,7 @@ mod settings;
 pub mod stream;
 pub mod visibility;
 
-pub use error::{Error, Fault, Finding, shown};
-pub use interval::Interval;
+pub use error::{Error, shown};
+pub use interval::{Interval, short};
 pub use particle::{Particle, Spheroid};
 pub use settings::{KEYS, Key, Settings};

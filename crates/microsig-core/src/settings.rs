@@ -1,7 +1,8 @@
 //! The 14 settings of MicroSIG: names, units, ranges, and the three sets of Rossi 2020, Table 1.
 
-use crate::error::{Error, Fault, Finding, shown};
+use crate::error::Error;
 use crate::interval::Interval;
+use crate::problem::{Problem, Problems};
 
 /// Name, unit and allowed range of one setting.
 #[derive(Debug, Clone, Copy)]
@@ -149,8 +150,7 @@ impl Settings {
     /// Checks all values; the numerical aperture must be less than the refractive index `n_i` of the
     /// immersion. Errors: [`Error::Malformed`] with every value out of range.
     pub fn validate_immersed(&self, n_i: f64) -> Result<(), Error> {
-        let faults = check(self.values(), n_i, |_| ("settings".to_owned(), None));
-        if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
+        check(self.values(), n_i, |_| "settings".to_owned()).finish(Error::Malformed)
     }
 
     /// Pixel size in object space, um.
@@ -159,36 +159,29 @@ impl Settings {
     }
 }
 
-/// The errors in a set of values in the order of [`KEYS`], for an immersion of refractive index `n_i`;
-/// `place` returns source and line of the key with an index.
-pub(crate) fn check(
-    mut values: [f64; 14],
-    n_i: f64,
-    place: impl Fn(usize) -> (String, Option<usize>),
-) -> Vec<Fault> {
+/// The problems of a set of values in the order of [`KEYS`], for an immersion of refractive index `n_i`;
+/// `input` returns the input of the key with an index, with its line.
+pub(crate) fn check(mut values: [f64; 14], n_i: f64, input: impl Fn(usize) -> String) -> Problems {
     let na = &mut values[NUMERICAL_APERTURE];
     // MicroSIG's range is for air.
     if *na >= 1.0 && *na < n_i {
         *na /= n_i;
     }
-    let mut faults = Vec::new();
-    let mut fault = |index: usize, allowed: &str| {
-        let (source_name, line) = place(index);
-        let (key, found) = (KEYS[index].name.to_owned(), shown(values[index]));
-        let finding = Finding::Value { key, found, allowed: allowed.to_owned() };
-        faults.push(Fault { line, ..Fault::of(&source_name, finding) });
+    let mut problems = Problems::default();
+    let mut refuse = |index: usize, allowed: &str| {
+        problems.push(Problem::value(KEYS[index].name, values[index], allowed).within(input(index)));
     };
     for (index, key) in KEYS.iter().enumerate() {
         let is_above = index == NUMERICAL_APERTURE && values[index] >= 1.0;
         if is_above || !key.allows(values[index]) {
-            fault(index, &key.allowed());
+            refuse(index, &key.allowed());
         }
     }
     let (ri_medium, ri_lens) = (values[3], values[4]);
     if ri_medium > 0.0 && ri_lens > 0.0 && ri_lens <= ri_medium {
-        fault(4, &format!("a number > ri_medium = {ri_medium}"));
+        refuse(4, &format!("a number > ri_medium = {ri_medium}"));
     }
-    faults
+    problems
 }
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
 //! Rendering of a scenario's particles: fills in and checks renderer, light and objective.
 
+use microsig_core::Settings;
+use microsig_core::problem::Problems;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::Lens;
-use microsig_core::{Error as Core, Finding, Settings};
 
-use super::language::problems::Problems;
+use super::findings::Collect;
 use super::spec::{Calibration, Intensities, RenderMode, Spec};
 
 /// Fills in defaults of the renderer and checks its keys.
@@ -110,14 +111,7 @@ pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -
         Some(_) if spec.render.wavelength_um.is_none() => return None,
         Some(optics) => optics.validate(settings),
     };
-    let Err(Core::Malformed(faults)) = checked else { return problems.of("optics", checked) };
-    for fault in faults {
-        match fault.finding {
-            Finding::Value { key, found, allowed } => problems.value(&key, found, &allowed),
-            Finding::Text(text) => problems.other(&fault.source_name, text),
-        }
-    }
-    None
+    problems.of("optics", checked)
 }
 
 /// Checks the keys that conflict with `particles.photons`.

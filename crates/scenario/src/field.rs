@@ -12,7 +12,7 @@ use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::findings::Findings;
+use super::findings::{Collect, Findings};
 use super::language::schema::joined;
 use super::motion::{Motion, in_file};
 use storage::error::{Error, Result};

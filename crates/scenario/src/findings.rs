@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use microsig_core::problem::{Problem, Problems};
 use microsig_core::render::Context;
+use storage::{Error, input};
 
-use super::language::problems::Problems;
+use super::language::schema::joined;
 use super::spec;
-use storage::input;
 
 /// A file that the scenario refers to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,7 +35,7 @@ pub(super) struct Findings<'a> {
 
 impl<'a> Findings<'a> {
     pub(super) fn new(folder: &'a Path, context: &'a Context) -> Self {
-        let problems = Problems::among(|path| spec::schema().find(path).is_some());
+        let problems = Problems::default();
         Findings { folder, context, inputs: Vec::new(), problems, warnings: Vec::new() }
     }
 
@@ -64,6 +65,37 @@ impl<'a> Findings<'a> {
         let source = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         self.inputs.push(Input { key: key.to_owned(), path: copy.clone(), source, bytes });
         copy
+    }
+}
+
+/// Collects the problems of results.
+pub(super) trait Collect {
+    /// The value of a result. The problems of an error are added at their keys, if the language has these,
+    /// otherwise at `path`; keys may be relative to it.
+    fn of<T, E: Into<Error>>(&mut self, path: &str, result: Result<T, E>) -> Option<T>;
+}
+
+impl Collect for Problems {
+    fn of<T, E: Into<Error>>(&mut self, path: &str, result: Result<T, E>) -> Option<T> {
+        let found = match result.map_err(Into::into) {
+            Ok(value) => return Some(value),
+            Err(Error::Problems(found)) => {
+                self.0.extend(found);
+                return None;
+            }
+            Err(Error::Flow(flows::Error::Parameter(problem))) => vec![problem],
+            Err(Error::Optics(microsig_core::Error::Malformed(found))) => found,
+            Err(error) => error.problems().into_iter().map(|text| Problem::other("", text)).collect(),
+        };
+        for problem in found {
+            let keys = [joined(path, &problem.path), problem.path.to_string()];
+            let is_key = |key: &String| !problem.path.is_empty() && spec::schema().find(key).is_some();
+            self.push(match keys.into_iter().find(is_key) {
+                Some(key) => Problem { path: key.into(), place: None, ..problem },
+                None => Problem::other(path, problem.to_string()),
+            });
+        }
+        None
     }
 }
 

@@ -1,8 +1,9 @@
 //! Checks of a flow against the box, the particles and the recordings of a scenario.
 
 use flows::{FluidRegion, Region, Seeding, VelocityField};
+use microsig_core::problem::Problems;
 
-use super::language::problems::Problems;
+use super::findings::Collect;
 use super::recordings::Recordings;
 
 /// Checks that particles fit into the fluid and that their paths can be integrated; returns warnings.

@@ -1,11 +1,11 @@
 //! The focal planes of a cylindrical lens, and depth ranges between them.
 
 use microsig_core::Settings;
+use microsig_core::problem::Problems;
 use microsig_core::render::waves;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::language::problems::Problems;
 use super::spec::{Boundaries, Optics};
 
 /// A cylindrical lens in paraxial optics.

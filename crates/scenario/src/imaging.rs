@@ -9,7 +9,7 @@ use microsig_core::{Particle, Settings, Spheroid};
 
 use super::drawing;
 use super::field_of_view::corners;
-use super::findings::Findings;
+use super::findings::{Collect, Findings};
 use super::optics::{clipped, response};
 use super::spec::{Calibration, Spec};
 use microsig_core::visibility::DepthScan;

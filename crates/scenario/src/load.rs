@@ -6,11 +6,11 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use flows::fields::UniformParams;
+use microsig_core::problem::{Place, Problem, Problems, Source};
 
 use microsig_core::render::Context;
 
 use super::language::graft::{assigned, graft};
-use super::language::problems::Problems;
 use super::language::text::{Content, Node};
 use super::language::write::write;
 use super::language::{text, typed};
@@ -18,7 +18,6 @@ use super::resolve::resolve;
 use super::resolved::Scenario;
 use super::source::{ScenarioText, read_text};
 use super::spec::{Motion, Spec, schema as scenario};
-use storage::problem::{Place, Problem, Source};
 use storage::{Error, InputFile, Result};
 
 /// The resolved scenario in a dataset's folder.

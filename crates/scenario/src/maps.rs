@@ -6,7 +6,7 @@ use microsig_core::sensor::{PixelMap, PixelMaps, PixelQuantity};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::findings::Findings;
+use super::findings::{Collect, Findings};
 use super::spec::Sensor;
 
 /// Files with offset, gain and read noise of every pixel, in the conventions of Huang et al. 2013.

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use storage::dataset::{Row, TrackRow};
 
 use super::field::Field;
-use super::findings::Findings;
+use super::findings::{Collect, Findings};
 
 /// The source of particle motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -187,9 +187,7 @@ impl Tracks {
 /// The message of an error, preceded by the file name and, if known, the line.
 pub(super) fn in_file(name: &str, fault: &flows::Error) -> String {
     match fault {
-        flows::Error::Data { line: Some(line), found, expected, .. } => {
-            format!("{name}:{line}: {found}: expected {expected}")
-        }
+        flows::Error::Data { line: Some(line), problem, .. } => format!("{name}:{line}: {problem}"),
         other => format!("{name}: {other}"),
     }
 }

@@ -6,7 +6,7 @@ use microsig_core::render::waves::Lens;
 use microsig_core::sensor::{Detector, ImageFormat, NoiseRounding, PixelMaps, Response, Sensor};
 use microsig_core::stream::Streams;
 
-use super::findings::Findings;
+use super::findings::{Collect, Findings};
 use super::maps;
 use super::spec::{self, Preset};
 use storage::error::Result;

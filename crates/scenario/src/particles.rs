@@ -6,13 +6,13 @@ use flows::{
     Body, Brownian, Diameters, FluidRegion, Intensities, Orientation, Region, Seeding, Settling, Spheroids,
 };
 use microsig_core::formats::data_file;
+use microsig_core::problem::Problems;
 use microsig_core::{Particle, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use super::brightness::{Emitted, Growth, PhotonScale, Photons};
-use super::findings::Findings;
-use super::language::problems::Problems;
+use super::findings::{Collect, Findings};
 use microsig_core::visibility::DepthScan;
 use storage::error::Result;
 

@@ -1,9 +1,9 @@
 //! The frames of a dataset: their times, names and links.
 
+use microsig_core::problem::Problems;
 use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Streams};
 
-use super::language::problems::Problems;
 use super::timing::{FourPulse, PairSeeding, Pairs, Sequence, Timing};
 
 /// Frame times that deviate by more than this many standard deviations are redrawn.
@@ -211,7 +211,7 @@ mod tests {
         let mut problems = Problems::default();
         let recordings = Recordings::checked(timing, &mut problems);
         timing.shutter(0.645, &mut problems);
-        problems.finish().map(|()| recordings).map_err(|e| e.to_string())
+        problems.finish(storage::Error::Problems).map(|()| recordings).map_err(|e| e.to_string())
     }
 
     #[test]

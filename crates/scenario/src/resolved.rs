@@ -302,7 +302,7 @@ impl Scenario {
             let (diameters, optics) = (self.seeding.diameters().clone(), (&self.scale, &self.settings));
             let z_um = (region.min().z, region.max().z);
             let seeding = particles.seeding(diameters, optics, z_um, scan, &mut found);
-            found.problems.finish()?;
+            found.problems.finish(Error::Problems)?;
             self.seeding = seeding.ok_or_else(|| Error::input("particles: cannot be placed"))?;
         }
         Ok(())

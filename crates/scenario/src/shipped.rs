@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use microsig_core::problem::Source;
+
 use include_dir::{Dir, File, include_dir};
-use storage::problem::Source;
 
 use super::language::text;
 

@@ -8,6 +8,7 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
 
+use microsig_core::problem::{Problem, Problems, Source};
 use schemars::{JsonSchema, Schema as JsonSchemaValue, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -15,14 +16,12 @@ use sha2::{Digest, Sha256};
 
 use super::language::derive::schema_of;
 use super::language::graft::{assigned, graft};
-use super::language::problems::Problems;
 use super::language::schema::Schema;
 use super::language::text::{self, Node};
 use super::language::typed;
 use super::spec::{Spec, schema as scenario};
 use super::{parse, read_text, set};
 use storage::error::{Error, Result};
-use storage::problem::{Problem, Source};
 
 /// Maximum number of cases of a sweep; more are almost certainly a mistake.
 const MAX_CASES: usize = 1_000_000;
@@ -172,22 +171,23 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
         return Err(Error::Problems(problems.sorted()));
     }
     let base_path = folder.join(&spec.base);
-    let base_text = read_text(&base_path)
-        .map_err(|e| Error::Problems(vec![Problem::other("base", e.to_string()).at(&tree.find("base").0)]))?;
+    let at_key = |key: &str, message: String| Problem::other(key, message).at(&tree.find(key).0);
+    let base_text =
+        read_text(&base_path).map_err(|e| Error::Problems(vec![at_key("base", e.to_string())]))?;
     let base = parse(&base_text, &base_path.display().to_string())?;
     let base_source = Arc::new(Source::file(&base_path.display().to_string(), &base_text));
     let base_tree = text::parse(&base_source).map_err(|problem| Error::Problems(vec![problem]))?;
     if spec.axes.is_empty() && !problems.any() {
-        problems.push(Problem::other("axes", "expected at least one").at(&tree.find("axes").0));
+        problems.push(at_key("axes", "expected at least one".to_owned()));
     }
     let columns = columns(&spec, &tree, &base_tree, &mut problems);
     if !problems.any() && spec.combine == Combine::Zip && columns.iter().any(|c| c.len() != columns[0].len())
     {
         let lengths: Vec<String> = columns.iter().map(|c| c.len().to_string()).collect();
         let message = format!("axes of a zip have {} values: expected equal numbers", lengths.join(", "));
-        problems.push(Problem::other("axes", message).at(&tree.find("axes").0));
+        problems.push(at_key("axes", message));
     }
-    problems.finish()?;
+    problems.finish(Error::Problems)?;
     let combinations = combine(&columns, spec.combine)
         .filter(|c| c.len().saturating_mul(spec.repetitions as usize) <= MAX_CASES)
         .ok_or_else(|| Error::input(format!("{name}: expected at most {MAX_CASES} cases")))?;
@@ -195,7 +195,7 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
     if let Some(twice) = combinations.iter().find(|values| !distinct.insert(*values)) {
         let hint = "expected different cases; use `repetitions` to repeat a case";
         let message = format!("{} occurs twice: {hint}", twice.join(", "));
-        return Err(Error::Problems(vec![Problem::other("axes", message).at(&tree.find("axes").0)]));
+        return Err(Error::Problems(vec![at_key("axes", message)]));
     }
     let cases: Vec<Case> = combinations
         .into_iter()

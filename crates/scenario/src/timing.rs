@@ -1,10 +1,11 @@
 //! Times of the frames in scenarios.
 
 use flows::Shutter;
+use microsig_core::problem::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::language::problems::Problems;
+use super::findings::Collect;
 
 /// Maximum number of frames in a dataset.
 const MAX_FRAMES: u32 = 10_000_000;

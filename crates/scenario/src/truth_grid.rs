@@ -1,9 +1,8 @@
 //! The grid of `truth/field.csv`: the nodes of the displacement field and the definitions of its columns.
 
+use microsig_core::problem::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use super::language::problems::Problems;
 
 /// The true displacement field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -2,11 +2,11 @@
 
 use flows::{Boundary, Domain, Illumination};
 use microsig_core::Settings;
+use microsig_core::problem::Problems;
 
 use super::field_of_view::{corners, lost_focus};
-use super::findings::Findings;
+use super::findings::{Collect, Findings};
 use super::imaging::Imaging;
-use super::language::problems::Problems;
 use super::spec::{Boundaries, Spec};
 
 /// Depth range of the default channel, um: 100 um deep, within the range scanned in Rossi 2020.

@@ -2,8 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use microsig_core::problem::{MOST_COLLECTED, Problem};
+
 use crate::advice::{Advice, flag};
-use crate::problem::Problem;
+use crate::problem::rendered;
 
 /// An error of the `microsig` command.
 #[derive(Debug, thiserror::Error)]
@@ -100,9 +102,6 @@ pub fn more(all: usize) -> Option<String> {
     Some(format!("and {at_least}{rest} more"))
 }
 
-/// Number of problems after which a reader may stop collecting them.
-pub const MOST_COLLECTED: usize = 1_000;
-
 /// Result type of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -131,11 +130,10 @@ impl Error {
             Error::Input(problems) | Error::Unsupported(problems) | Error::Failed(problems) => {
                 problems.clone()
             }
-            Error::Problems(problems) => problems.iter().map(ToString::to_string).collect(),
-            Error::Options(all) => all.iter().map(ToString::to_string).collect(),
-            Error::Optics(microsig_core::Error::Malformed(faults)) => {
-                faults.iter().map(ToString::to_string).collect()
+            Error::Problems(problems) | Error::Optics(microsig_core::Error::Malformed(problems)) => {
+                problems.iter().map(ToString::to_string).collect()
             }
+            Error::Options(all) => all.iter().map(ToString::to_string).collect(),
             other => vec![other.to_string()],
         }
     }
@@ -144,7 +142,7 @@ impl Error {
     /// problems in a scenario file show the line with a caret.
     pub fn messages(&self) -> Vec<String> {
         match self {
-            Error::Problems(problems) => first_of(problems, Problem::rendered),
+            Error::Problems(problems) => first_of(problems, rendered),
             Error::Input(problems) => first_of(problems, Clone::clone),
             Error::Options(all) => first_of(all, ToString::to_string),
             other => other.problems(),

@@ -1,5 +1,4 @@
-//! Files and folders written atomically, checksums and locks; the folder of a dataset as types ([`dataset`]); the errors of all verbs ([`error`],
-//! [`problem`]).
+//! Files and folders written atomically, checksums and locks; the folder of a dataset as types ([`dataset`]); the errors of all verbs ([`error`]).
 
 pub mod advice;
 pub mod argument;
@@ -15,7 +14,7 @@ pub mod json;
 mod lock;
 pub mod memory;
 mod output;
-pub mod problem;
+mod problem;
 pub mod range;
 mod removal;
 pub mod shown;

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use microsig_core::{Interval, short};
+
 use crate::advice;
 use crate::advice::{Advice, option};
 
@@ -21,13 +23,17 @@ pub struct NumberRange {
 impl NumberRange {
     /// Whether a value is allowed; NaN is not.
     pub fn allows(&self, value: f64) -> bool {
-        (self.least..=self.most).contains(&value)
+        self.interval().contains(value)
+    }
+
+    fn interval(&self) -> Interval {
+        Interval::at_least(self.least).up_to(self.most)
     }
 
     /// What is wrong with a value, if it is not allowed.
     pub fn fault(&self, value: f64) -> Option<Advice> {
         (!self.allows(value))
-            .then(|| advice!(option(self.key).of(shown(value)), format!(": expected {self}")))
+            .then(|| advice!(option(self.key).of(short(value)), format!(": expected {self}")))
     }
 }
 
@@ -36,15 +42,9 @@ pub fn faults(values: &[(Option<f64>, NumberRange)]) -> Vec<Advice> {
     values.iter().filter_map(|(value, range)| range.fault((*value)?)).collect()
 }
 
-/// A number as a person writes it: `1e9`, not `1000000000`.
-fn shown(value: f64) -> String {
-    let is_plain = value == 0.0 || !value.is_finite() || (1e-4..1e6).contains(&value.abs());
-    if is_plain { value.to_string() } else { format!("{value:e}") }
-}
-
 impl fmt::Display for NumberRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} to {}", shown(self.least), shown(self.most))?;
+        self.interval().fmt(f)?;
         if self.unit.is_empty() { Ok(()) } else { write!(f, " {}", self.unit) }
     }
 }

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::{MARK, ReleaseOptions};
 use scenario::SCENARIO;
 use storage::advice;
-use storage::advice::{Named, flag};
+use storage::advice::{flag, option};
 use storage::checksums::SHA256SUMS;
 use storage::dataset::manifest::{MANIFEST, Manifest, ScoringRules};
 use storage::error::{Error, Result};
@@ -137,7 +137,7 @@ fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
     for (name, now) in chosen(options) {
         if made.get(&name) != Some(&now) {
             let what = format!(" {}, not {}; ", shown(made.get(&name)), shown(Some(&now)));
-            let (option, again) = (Named::from_command(&name), " needs the options of the first run");
+            let (option, again) = (option(&name.replace('-', "_")), " needs the options of the first run");
             let hint = advice!("was made with ", option, what, flag("resume"), again);
             return Err(Error::Exists { path: out.clone(), hint });
         }

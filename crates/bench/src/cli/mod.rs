@@ -42,7 +42,7 @@ pub use output::{Answer, printable};
 use serde_json::json;
 
 use generator::runner::{Progress, Tables};
-use storage::advice::{Advice, Named, Part};
+use storage::advice::Advice;
 use storage::error::{Error, Result};
 use storage::table_cache::TableFolder;
 use storage::{clean_up_on_signals, file_size_limits_are_errors};
@@ -235,21 +235,14 @@ fn refused(e: clap::Error) -> Error {
         ContextValue::Strings(all) => all,
         _ => &[],
     });
-    let mut parts = vec![Part::from(text)];
+    let mut python = text.to_owned();
     for argument in named {
         let Some(name) = argument.strip_prefix("--").and_then(|rest| rest.split([' ', '=']).next()) else {
             continue;
         };
-        let split = |part: Part| match &part {
-            Part::Text(text) => match text.split_once(argument.as_str()) {
-                Some((before, after)) => vec![before.into(), Named::from_command(name).into(), after.into()],
-                None => vec![part],
-            },
-            Part::Option(_) => vec![part],
-        };
-        parts = parts.into_iter().flat_map(split).collect();
+        python = python.replacen(argument.as_str(), &name.replace('-', "_"), 1);
     }
-    Error::option(Advice(parts))
+    Error::option(Advice::new(text, &python))
 }
 
 /// Verbs that write files only if asked to, and the option (or group of options) that asks for it.

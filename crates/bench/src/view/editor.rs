@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
+use microsig_core::problem::Problem;
+
 use serde_json::{Value, json};
 
 use super::subject::Subject;
 use scenario::{self, Scenario, shipped, template};
 use storage::error::{Error, MOST_SHOWN, Result, more};
-use storage::problem::Problem;
 use storage::save_result;
 
 /// Reads and resolves the scenario's text; returns its problems as JSON if there are any.

@@ -11,6 +11,7 @@ mod vtk_xml;
 
 use crate::error::{Error, ParameterCheck, Result};
 use glam::DVec3;
+use microsig_core::problem::Problem;
 
 const CHECK: ParameterCheck = ParameterCheck("grid");
 
@@ -129,7 +130,7 @@ impl VelocityGrid {
 }
 
 fn fault(format: &'static str, line: Option<usize>, found: String, expected: &str) -> Error {
-    Error::Data { format, line, found, expected: expected.to_owned() }
+    Error::Data { format, line, problem: Problem::value("", found, expected).into() }
 }
 
 /// First value and step of equidistant coordinates; the step of a single one is 1.

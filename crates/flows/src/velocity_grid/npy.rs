@@ -3,7 +3,8 @@
 use super::{GridGeometry, VelocityGrid, fault, nodes};
 use crate::error::{Error, Result};
 use glam::DVec3;
-use microsig_core::formats::npy::{Header, Refused};
+use microsig_core::formats::npy::Header;
+use microsig_core::problem::Problem;
 use std::io::Read;
 
 impl VelocityGrid {
@@ -55,8 +56,8 @@ impl VelocityGrid {
     }
 }
 
-fn refused(Refused { found, expected }: Refused) -> Error {
-    fault("npy", None, found, &expected)
+fn refused(problem: Problem) -> Error {
+    Error::Data { format: "npy", line: None, problem: problem.into() }
 }
 
 #[cfg(test)]

@@ -20,12 +20,12 @@ use std::sync::Arc;
 pub use batch::Batch;
 pub use distribution::{Distribution, Drawn};
 pub use labels::{Flow, LabelOptions, PARTICLE_COLUMNS, Sample};
+use microsig_core::problem::{Place, Problem, Source};
 use microsig_core::render::Context;
 use microsig_core::sensor::ImageFormat;
 use sampler::{Key, MAX_OPTICS, Sampler};
 use scenario::{Assignment, Parsed, Scenario};
 use storage::error::{Error, Result};
-use storage::problem::{Place, Problem, Source};
 pub use window::Window;
 
 /// The two disjoint parts of the samples.

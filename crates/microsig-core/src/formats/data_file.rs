@@ -13,9 +13,10 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 
-use crate::error::{Error, Fault, shown};
+use crate::error::Error;
 use crate::formats::{number, text_line};
 use crate::particle::{Particle, Spheroid};
+use crate::problem::{Problem, Problems};
 
 /// The columns of a data file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,8 +49,8 @@ impl Layout {
     }
 }
 
-/// Number of errors after which reading stops.
-const MAX_FAULTS: usize = 20;
+/// Number of problems after which reading stops.
+const MAX_PROBLEMS: usize = 20;
 
 #[derive(Clone, Copy, PartialEq)]
 enum Separator {
@@ -89,23 +90,20 @@ impl Separator {
 /// end in CR alone; [`Error::Io`] if reading fails.
 pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
     let mut reader = BufReader::new(reader);
-    let (mut particles, mut faults) = (Vec::new(), Vec::new());
+    let (mut particles, mut problems) = (Vec::new(), Problems::default());
     let mut style: Option<(Separator, Layout)> = None;
     let mut line = Vec::new();
     let mut number = 0;
-    while faults.len() < MAX_FAULTS {
+    while problems.0.len() < MAX_PROBLEMS {
         line.clear();
         if reader.read_until(b'\n', &mut line).map_err(|e| Error::io(name, e))? == 0 {
             break;
         }
         number += 1;
-        let mut fault = |column: Option<usize>, message: String| {
-            faults.push(Fault { line: Some(number), column, ..Fault::of(name, message) });
-        };
         let text = match text_line::text_of(&line) {
             Ok(text) => text,
             Err(message) => {
-                fault(None, message);
+                problems.push(Problem::other("", message).within(format!("{name}:{number}")));
                 continue;
             }
         };
@@ -117,10 +115,13 @@ pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
         }
         match row(content, &mut style) {
             Ok(particle) => particles.push(particle),
-            Err((column, message)) => fault(column, message),
+            Err((column, problem)) => {
+                let column = column.map(|column| format!(", column {column}")).unwrap_or_default();
+                problems.push(problem.within(format!("{name}:{number}{column}")));
+            }
         }
     }
-    if faults.is_empty() { Ok(particles) } else { Err(Error::Malformed(faults)) }
+    problems.finish(Error::Malformed).map(|()| particles)
 }
 
 /// The line, from 1, of particle number `index`, from 0, of a data file that [`read`] accepts.
@@ -139,26 +140,26 @@ pub fn line_of(bytes: &[u8], index: usize) -> Option<usize> {
 }
 
 /// Parses one row; the first row determines separator and layout. The error is a column, counted from 1, and
-/// a message.
-fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particle, (Option<usize>, String)> {
+/// its problem.
+fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particle, (Option<usize>, Problem)> {
     let separator = style.map_or_else(|| Separator::of(content), |(separator, _)| separator);
     let mut tokens = Vec::with_capacity(8);
     separator.split(content, &mut tokens);
     if separator != Separator::Comma
         && let Some(i) = tokens.iter().position(|t| t.contains(','))
     {
-        return Err((Some(i + 1), format!("`{}`: a decimal comma? expected a decimal point", tokens[i])));
+        let message = format!("`{}`: a decimal comma? expected a decimal point", tokens[i]);
+        return Err((Some(i + 1), Problem::other("", message)));
     }
     let layout = match style {
         Some((_, layout)) if layout.columns() == tokens.len() => *layout,
         Some((_, layout)) => {
-            return Err((
-                None,
-                format!("{} columns, but {} before: rows must agree", tokens.len(), layout.columns()),
-            ));
+            let (now, before) = (tokens.len(), layout.columns());
+            let message = format!("{now} columns, but {before} before: rows must agree");
+            return Err((None, Problem::other("", message)));
         }
         None => Layout::from_columns(tokens.len())
-            .ok_or_else(|| (None, format!("{} columns: expected 4, 5, 7 or 8", tokens.len())))?,
+            .ok_or_else(|| (None, Problem::value("", format!("{} columns", tokens.len()), "4, 5, 7 or 8")))?,
     };
     *style = Some((separator, layout));
 
@@ -168,14 +169,11 @@ fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particl
             .parse::<f64>()
             .ok()
             .filter(|n| n.is_finite())
-            .ok_or_else(|| (Some(i + 1), format!("`{token}`: expected a finite number")))?;
+            .ok_or_else(|| (Some(i + 1), Problem::value("", format!("`{token}`"), "a finite number")))?;
     }
-    let at_least = |column: usize, what: &str, bad: bool, allowed: &str| {
-        if bad {
-            Err((Some(column), format!("{what} = {}: expected {allowed}", shown(v[column - 1]))))
-        } else {
-            Ok(())
-        }
+    let at_least = |column: usize, what: &str, bad: bool, allowed: &str| match bad {
+        true => Err((Some(column), Problem::value(what, v[column - 1], allowed))),
+        false => Ok(()),
     };
     at_least(4, "d_p", v[3] <= 0.0, "a diameter > 0 um")?;
     let spheroid = if layout.spheroids {
@@ -246,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_fault_names_line_and_column() {
+    fn every_kind_of_problem_names_line_and_column() {
         for (text, expected) in [
             ("1 2 3 2\n1 2 3\n", "d.txt:2: 3 columns, but 4 before"),
             ("1 2 3\n", "d.txt:1: 3 columns: expected 4, 5, 7 or 8"),
@@ -266,7 +264,7 @@ mod tests {
             assert!(message(text).contains(expected), "{} lacks {expected}", message(text));
         }
         assert_eq!(message("1 2 3 2\n1 2 x 2\n1 2 3 -2\n").lines().count(), 2);
-        assert_eq!(message(&"x x x x\n".repeat(1000)).lines().count(), MAX_FAULTS);
+        assert_eq!(message(&"x x x x\n".repeat(1000)).lines().count(), MAX_PROBLEMS);
     }
 
     prop_compose! {

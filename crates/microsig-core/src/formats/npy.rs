@@ -3,26 +3,17 @@
 use std::io::{Error as IoError, ErrorKind, Read};
 
 use crate::error::Error;
+use crate::problem::Problem;
 
 /// Maximum header length of a `.npy` file, bytes: the limit of version 1 of the format.
 const MAX_NPY_HEADER: u32 = 65_535;
-
-/// Why a file is refused.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Refused {
-    /// What was found.
-    pub found: String,
-    /// What was expected.
-    pub expected: String,
-}
 
 /// Reads an array of floats of the shape (height, width), row by row; `size` is (width, height) and `name`
 /// the name of the input in errors. Errors: [`Error::Malformed`] if the input is not such an array, or a
 /// number is not finite.
 pub fn read(mut source: impl Read, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
     let (width, height) = (size.0 as usize, size.1 as usize);
-    let malformed =
-        |Refused { found, expected }| Error::malformed(name, format!("{found}: expected {expected}"));
+    let malformed = |problem: Problem| Error::Malformed(vec![problem.within(name)]);
     let header = Header::read(&mut source).map_err(malformed)?;
     if header.shape != [u64::from(size.1), u64::from(size.0)] {
         let expected = format!("({height}, {width}), rows and columns");
@@ -52,7 +43,7 @@ pub struct Header {
 
 impl Header {
     /// Reads the start of a file, up to its numbers.
-    pub fn read(source: &mut impl Read) -> Result<Self, Refused> {
+    pub fn read(source: &mut impl Read) -> Result<Self, Problem> {
         let mut start = [0; 10];
         source.read_exact(&mut start).map_err(|e| broken(&e))?;
         let [0x93, b'N', b'U', b'M', b'P', b'Y', version, _, a, b] = start else {
@@ -96,7 +87,7 @@ impl Header {
 
     /// Reads the numbers (f4 or f8) that follow, in their order. Errors: numbers of another type; more or
     /// fewer than `n` of them.
-    pub fn numbers(&self, source: impl Read, n: usize) -> Result<Vec<f64>, Refused> {
+    pub fn numbers(&self, source: impl Read, n: usize) -> Result<Vec<f64>, Problem> {
         let size = match &*self.descr {
             "<f8" | ">f8" => 8,
             "<f4" | ">f4" => 4,
@@ -118,11 +109,11 @@ impl Header {
     }
 }
 
-fn refused(found: String, expected: &str) -> Refused {
-    Refused { found, expected: expected.to_owned() }
+fn refused(found: String, expected: &str) -> Problem {
+    Problem::value("", found, expected)
 }
 
-fn broken(error: &IoError) -> Refused {
+fn broken(error: &IoError) -> Problem {
     refused(error.to_string(), "a NumPy array")
 }
 

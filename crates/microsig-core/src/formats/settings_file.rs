@@ -6,8 +6,9 @@
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 
-use crate::error::{Error, Fault};
+use crate::error::Error;
 use crate::formats::text_line;
+use crate::problem::{Problem, Problems};
 use crate::settings::{self, KEYS, Settings};
 
 /// The contents of a settings file.
@@ -40,7 +41,8 @@ pub fn read(reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
 pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<SettingsFile, Error> {
     let mut bytes = Vec::new();
     reader.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::io(name, e))?;
-    let (mut lines, mut faults) = (Vec::new(), Vec::new());
+    let (mut lines, mut problems) = (Vec::new(), Problems::default());
+    let in_line = |problem: Problem, line: usize| problem.within(format!("{name}:{line}"));
     if bytes.len() as u64 > MAX_BYTES {
         let message = format!("expected a settings file of at most {} MB", MAX_BYTES / 1_000_000);
         return Err(Error::malformed(name, message));
@@ -48,14 +50,12 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
     for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
         match text_line::text_of(line) {
             Ok(text) => lines.push(text),
-            Err(message) => faults.push(Fault { line: Some(index + 1), ..Fault::of(name, message) }),
+            Err(message) => problems.push(in_line(Problem::other("", message), index + 1)),
         }
     }
     // What such a file lacks is not worth a message.
-    if !faults.is_empty() {
-        faults.truncate(MAX_UNREADABLE);
-        return Err(Error::Malformed(faults));
-    }
+    problems.0.truncate(MAX_UNREADABLE);
+    std::mem::take(&mut problems).finish(Error::Malformed)?;
 
     let mut found: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
@@ -63,17 +63,18 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
     for (index, raw) in lines.into_iter().enumerate() {
         let line = index + 1;
         let raw = if line == 1 { raw.trim_start_matches('\u{feff}') } else { raw };
-        let mut fault = |message: String| faults.push(Fault { line: Some(line), ..Fault::of(name, message) });
+        let mut refuse = |problem: Problem| problems.push(in_line(problem, line));
         let content = raw.split(['#', '%']).next().unwrap_or_default().trim();
         if content.is_empty() {
             continue;
         }
         let Some((key, value)) = content.split_once('=').map(|(k, v)| (k.trim(), v.trim())) else {
-            fault(format!("`{content}`: expected `key = value`"));
+            refuse(Problem::value("", format!("`{content}`"), "`key = value`"));
             continue;
         };
         if let Some(first) = seen.insert(key.to_owned(), line) {
-            fault(format!("{key} is given a second time (first in line {first})"));
+            let message = format!("{key} is given a second time (first in line {first})");
+            refuse(Problem::other("", message));
             continue;
         }
         let Some(known) = KEYS.iter().position(|k| k.name == key) else {
@@ -85,21 +86,18 @@ pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<Settings
             Ok(number) => {
                 found.insert(known, (number, line));
             }
-            Err(_) => fault(format!("{key} = {value}: expected {}", KEYS[known].allowed())),
+            Err(_) => refuse(Problem::value(key, value, &KEYS[known].allowed())),
         }
     }
     for key in KEYS.iter().filter(|k| !seen.contains_key(k.name)) {
-        faults.push(Fault::of(name, format!("{} is missing: expected {}", key.name, key.allowed())));
+        let found = format!("{} is missing", key.name);
+        problems.push(Problem::value("", found, &key.allowed()).within(name));
     }
     // Ranges are checked only when all values are numbers, because they depend on each other.
-    if faults.is_empty() {
-        let values = std::array::from_fn(|i| found[&i].0);
-        faults = settings::check(values, n_i, |i| (name.to_owned(), Some(found[&i].1)));
-        if faults.is_empty() {
-            return Ok(SettingsFile { settings: Settings::from_values(values), unknown, warnings });
-        }
-    }
-    Err(Error::Malformed(faults))
+    problems.finish(Error::Malformed)?;
+    let values = std::array::from_fn(|i| found[&i].0);
+    settings::check(values, n_i, |i| format!("{name}:{}", found[&i].1)).finish(Error::Malformed)?;
+    Ok(SettingsFile { settings: Settings::from_values(values), unknown, warnings })
 }
 
 /// Writes a settings file; [`read`] returns the same values.
@@ -143,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_fault_names_line_and_key() {
+    fn every_kind_of_problem_names_line_and_key() {
         let good = text(&Settings::setting1());
         let cases = [
             (good.replace("gain = 3.2\n", ""), "s.txt: gain is missing"),

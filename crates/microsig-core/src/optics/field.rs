@@ -6,8 +6,9 @@
 //! vignetting, and the linear and quadratic parts of coma and astigmatism of a misaligned system (nodal
 //! aberration theory: Thompson 2005, JOSA A 22, 1389).
 
-use crate::error::{Error, Faults};
+use crate::error::Error;
 use crate::particle::Particle;
+use crate::problem::Problems;
 use crate::settings::Settings;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -202,9 +203,9 @@ impl FieldOptics {
     /// Checks all values for a sensor with these settings; messages have the keys of a scenario. Errors:
     /// [`Error::Malformed`] with all values out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
-        let mut faults = Faults::default();
+        let mut problems = Problems::default();
         let mut unless = |fine: bool, key: &str, value: f64, expected: &str| {
-            faults.unless(fine, &format!("optics.field.{key}"), value, expected);
+            problems.unless(fine, &format!("optics.field.{key}"), value, expected);
         };
         let numbers = [
             ("focus.curvature_um_per_mm2", self.focus.curvature_um_per_mm2),
@@ -279,7 +280,7 @@ impl FieldOptics {
             most,
             "coma and astigmatism that sum to at most 5 waves rms anywhere in the field",
         );
-        faults.finish()
+        problems.finish(Error::Malformed)
     }
 }
 

@@ -12,7 +12,8 @@
 //! bit.
 
 use super::maps::{Electronics, PixelMaps};
-use crate::error::{Error, Faults};
+use crate::error::Error;
+use crate::problem::Problems;
 use crate::random::{normal, poisson};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Stream, Streams};
@@ -89,9 +90,9 @@ impl Default for Detector {
 impl Detector {
     /// Checks all values. Errors: [`Error::Malformed`] with every value out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
-        let mut faults = Faults { source_name: Some("detector"), ..Faults::default() };
+        let mut problems = Problems::default();
         let mut check = |name: &str, value: f64, fits: bool, allowed: &str| {
-            faults.unless(fits && !value.is_nan(), name, value, allowed);
+            problems.unless(fits && !value.is_nan(), name, value, allowed);
         };
         let finite = |v: f64| (0.0..=1e12).contains(&v);
         let positive = |v: f64| v > 0.0 && v <= 1e12;
@@ -119,8 +120,9 @@ impl Detector {
             let mean = background.iter().sum::<f64>() / pixels as f64;
             check("mean of the background", mean, !fits || mean >= 0.0, "0 counts or more");
         }
-        faults.found.extend(self.maps.faults(settings));
-        faults.finish()
+        let mut problems = problems.within("detector");
+        problems.0.extend(self.maps.problems(settings));
+        problems.finish(Error::Malformed)
     }
 
     /// Counts, before rounding, of a pixel with `ideal` counts in the ideal image.

@@ -7,7 +7,8 @@
 use std::sync::Arc;
 
 use super::Detector;
-use crate::error::{Error, Fault};
+use crate::error::Error;
+use crate::problem::Problem;
 use crate::settings::Settings;
 
 /// One value per pixel, row by row from the top.
@@ -79,21 +80,21 @@ impl PixelMaps {
     }
 
     /// What is wrong with the maps for the sensor of these settings.
-    pub(super) fn faults(&self, settings: &Settings) -> Vec<Fault> {
+    pub(super) fn problems(&self, settings: &Settings) -> Vec<Problem> {
         let (width, height) = (settings.pixel_dim_x, settings.pixel_dim_y);
         let pixels = width as usize * height as usize;
-        let mut faults = Vec::new();
+        let mut problems = Vec::new();
         for (quantity, map) in self.all() {
             let Some(map) = map else { continue };
             let name = format!("detector: map of {quantity:?}");
             if map.len() != pixels {
-                let message = format!("{} values: expected {pixels}, one per pixel", map.len());
-                faults.push(Fault::of(&name, message));
+                let (found, allowed) = (format!("{} values", map.len()), format!("{pixels}, one per pixel"));
+                problems.push(Problem::value("", found, &allowed).within(name));
             } else if let Err(Error::Malformed(found)) = quantity.check(map, width, &name) {
-                faults.extend(found);
+                problems.extend(found);
             }
         }
-        faults
+        problems
     }
 }
 

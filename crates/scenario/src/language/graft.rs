@@ -5,10 +5,11 @@
 
 use std::sync::Arc;
 
+use microsig_core::problem::{Place, Problem, Source};
+
 use super::read::find;
 use super::schema::{Schema, ValueKind, joined};
 use super::text::{Content, Field, Node, parse};
-use storage::problem::{Place, Problem, Source};
 
 /// The value of an assignment as a tree. Quotes around a string are optional.
 pub(crate) fn assigned(root: Schema<'_>, path: &str, value: &str) -> Result<Node, Problem> {

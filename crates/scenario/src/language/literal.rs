@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use microsig_core::problem::Source;
 use serde::{Serialize, Serializer};
 
 use super::text::{self, Content, Node};
-use storage::problem::Source;
 
 /// A value as written in a scenario. It serializes as a number, a flag, none, a text (also a word without
 /// quotes, and text that is not a value), a sequence, or a map; a variant is a map of one key.

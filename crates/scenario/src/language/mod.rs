@@ -1,14 +1,13 @@
 //! The language that scenarios and sweeps are written in: RON or JSON, described by one schema.
 //!
 //! [`schema`] describes it, [`text`] parses it, [`read`](read()) checks the tree against the schema and finds
-//! problems ([`storage::problem`]), [`graft`] replaces values, [`literal`] reads single values without the
+//! problems ([`microsig_core::problem`]), [`graft`] replaces values, [`literal`] reads single values without the
 //! schema; [`template`] and [`document`] generate documentation.
 
 pub(crate) mod derive;
 pub(crate) mod document;
 pub(crate) mod graft;
 pub(crate) mod literal;
-pub(crate) mod problems;
 mod read;
 pub(crate) mod schema;
 pub(crate) mod template;
@@ -17,11 +16,10 @@ mod tests;
 pub(crate) mod text;
 pub(crate) mod write;
 
+use microsig_core::problem::{Problem, Problems};
 use serde::de::DeserializeOwned;
 
-use problems::Problems;
 use schema::Schema;
-use storage::problem::Problem;
 use text::Node;
 
 /// Converts a tree to a typed value, without invalid values; `None` if required ones are missing.

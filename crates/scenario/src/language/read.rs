@@ -1,12 +1,12 @@
 //! Checks a tree of values against the schema in a single walk, which finds all problems.
 
+use microsig_core::problem::{Problem, Problems};
+
 use serde_json::{Map, Number, Value};
 
-use super::problems::Problems;
 use super::schema::{Entry, Schema, ValueKind, joined, nearest};
 use super::template::written;
 use super::text::{Content, Field, Node};
-use storage::problem::Problem;
 
 /// The value of a tree as JSON (variants as objects with one key), without invalid values; `None` if required
 /// ones are missing.
@@ -119,7 +119,8 @@ impl Walk<'_, '_> {
             let near = fields.iter().map(|f| f.key.as_str()).filter(|key| find(&keys, key).is_none());
             // A misspelled key already has a message.
             if nearest(key, near).is_none() {
-                self.problems.push(Problem::missing(path, key).at(&node.place));
+                let message = format!("`{key}` is missing");
+                self.problems.push(Problem::other(path, message).at(&node.place));
             }
         }
         let is_complete =
@@ -161,7 +162,7 @@ impl Walk<'_, '_> {
                 nearest(name, variants.iter().map(|v| v.name)).map(|near| format!("did you mean `{near}`?"));
             let is_word = name.starts_with(|c: char| c.is_alphabetic());
             let problem = match is_word {
-                true => Problem::unknown_variant(path, name, schema.allowed()).hinted(hint),
+                true => Problem::unknown_variant(path, name, hint, &schema.allowed()),
                 false => Problem::value(path, node.written(), &schema.allowed()).hinted(example()),
             };
             self.problems.push(problem.at(&node.place));

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use microsig_core::Interval;
+use microsig_core::problem::{Problems, Source};
 use microsig_core::render::Context;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,13 +16,11 @@ use super::super::{Shipped, parse, resolve, shipped, write};
 use super::derive::schema_of;
 use super::document::{Picture, Scene, document};
 use super::graft::{assigned, graft};
-use super::problems::Problems;
 use super::schema::{Schema, ValueKind};
 use super::template::{sample, template};
 use super::text::{self, Content, Node};
 use super::typed;
 use super::write::ron;
-use storage::problem::Source;
 
 fn tree(text: &str) -> Node {
     text::parse(&Arc::new(Source::file("t.ron", text))).unwrap()

@@ -6,7 +6,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use storage::problem::{Place, Problem, Source};
+use microsig_core::problem::{Place, Problem, Problems, Source};
 
 /// Nesting beyond this depth is refused before it can exhaust the stack.
 const MAX_DEPTH: usize = 100;
@@ -99,6 +99,13 @@ impl Node {
             Content::Variant(_, inner) => inner.last_number(),
             Content::Items(items) if !self.place.text().starts_with('[') => items.last()?.last_number(),
             Content::Text(_) | Content::Fields(_) | Content::Items(_) => None,
+        }
+    }
+
+    /// Gives problems without a place the one of their path.
+    pub(crate) fn locate(&self, problems: &mut Problems) {
+        for problem in problems.0.iter_mut().filter(|problem| problem.place.is_none()) {
+            problem.place = Some(self.find(&problem.path).0);
         }
     }
 

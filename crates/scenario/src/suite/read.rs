@@ -3,20 +3,20 @@
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
 
+use microsig_core::problem::{Problem, Problems, Source};
+
 use serde_json::Value;
 
 use super::spec::{LadderSpec, Size, SuiteSpec};
 use super::{AxisValue, Rung, Suite};
 use crate::language::derive::schema_of;
-use crate::language::problems::Problems;
 use crate::language::schema::{Schema, nearest};
-use crate::language::text::{self, Node};
+use crate::language::text;
 use crate::language::typed;
 use crate::load::{Assignment, parse as parse_scenario, set};
 use crate::source::read_text;
 use crate::sweep::parse_sweep;
 use storage::error::{Error, Result};
-use storage::problem::{Problem, Source};
 
 /// The schema of suite files.
 pub fn suite_schema() -> Schema<'static> {
@@ -37,26 +37,27 @@ pub(super) fn parse(text: &str, name: &str, folder: &Path) -> Result<Suite> {
     let Some(spec) = typed::<SuiteSpec>(suite_schema(), &tree, &mut problems) else {
         return Err(Error::Problems(problems.sorted()));
     };
-    named(&spec, &tree, &mut problems);
+    named(&spec, &mut problems);
     let mut rungs = Vec::new();
     for (t, track) in spec.tracks.iter().enumerate() {
         let mut track_rungs: Vec<Vec<Rung>> = Vec::new();
         for (l, ladder) in track.ladders.iter().enumerate() {
             let at = format!("tracks.{t}.ladders.{l}");
-            let found = rungs_of(ladder, &at, folder, &tree, &mut problems);
+            let found = rungs_of(ladder, &at, folder, &mut problems);
             for (i, rung) in found.iter().enumerate() {
                 if track_rungs.iter().flatten().chain(&found[..i]).any(|other| other.name == rung.name) {
                     let message = format!("case `{}` occurs twice in track {}", rung.name, track.name);
-                    problems.push(Problem::other(&at, message).at(&tree.find(&at).0));
+                    problems.other(&at, message);
                 }
             }
-            chosen(ladder, &at, &found, &tree, &mut problems);
+            chosen(ladder, &at, &found, &mut problems);
             track_rungs.push(found);
         }
-        changes(&spec, t, &track_rungs, &tree, &mut problems);
+        changes(&spec, t, &track_rungs, &mut problems);
         rungs.push(track_rungs);
     }
-    problems.finish()?;
+    tree.locate(&mut problems);
+    problems.finish(Error::Problems)?;
     Ok(Suite { spec, folder: folder.to_owned(), is_shipped: false, rungs, _unpacked: None })
 }
 
@@ -67,12 +68,12 @@ fn is_name(name: &str) -> bool {
 }
 
 /// Checks the names of suite, tracks and ladders.
-fn named(spec: &SuiteSpec, tree: &Node, problems: &mut Problems) {
+fn named(spec: &SuiteSpec, problems: &mut Problems) {
     const ALLOWED: &str = "1 to 60 letters, digits, `.`, `_`, `-`";
     let mut check = |path: &str, name: &str, is_lower: bool| {
         if !is_name(name) || is_lower && name != name.to_lowercase() {
             let allowed = if is_lower { format!("{ALLOWED}, in lower case") } else { ALLOWED.to_owned() };
-            problems.push(Problem::value(path, format!("{name:?}"), &allowed).at(&tree.find(path).0));
+            problems.value(path, format!("{name:?}"), &allowed);
         }
     };
     check("name", &spec.name, true);
@@ -85,15 +86,12 @@ fn named(spec: &SuiteSpec, tree: &Node, problems: &mut Problems) {
     for (t, track) in spec.tracks.iter().enumerate() {
         let is_same = |other: &&super::TrackSpec| other.name.eq_ignore_ascii_case(&track.name);
         if spec.tracks[..t].iter().any(|other| is_same(&other)) {
-            let path = format!("tracks.{t}.name");
-            let message = format!("track {} occurs twice", track.name);
-            problems.push(Problem::other(&path, message).at(&tree.find(&path).0));
+            problems.other(&format!("tracks.{t}.name"), format!("track {} occurs twice", track.name));
         }
     }
 }
 
-fn rungs_of(ladder: &LadderSpec, at: &str, folder: &Path, tree: &Node, problems: &mut Problems) -> Vec<Rung> {
-    let from = format!("{at}.from");
+fn rungs_of(ladder: &LadderSpec, at: &str, folder: &Path, problems: &mut Problems) -> Vec<Rung> {
     let file = folder.join(&ladder.from);
     let read = read_text(&file).and_then(|text| {
         let name = file.display().to_string();
@@ -117,22 +115,19 @@ fn rungs_of(ladder: &LadderSpec, at: &str, folder: &Path, tree: &Node, problems:
             return Vec::new();
         }
         Err(e) => {
-            problems.push(Problem::other(&from, e.to_string()).at(&tree.find(&from).0));
+            problems.other(&format!("{at}.from"), e.to_string());
             return Vec::new();
         }
     };
     let places = ladder.case.as_ref().map_or(paths.len(), |case| case.matches("{}").count());
     if places != paths.len() {
-        let path = format!("{at}.case");
         let allowed = format!("`{{}}` for each of the {} axes of {}", paths.len(), ladder.from);
-        problems
-            .push(Problem::value(&path, format!("{places} times `{{}}`"), &allowed).at(&tree.find(&path).0));
+        problems.value(&format!("{at}.case"), format!("{places} times `{{}}`"), &allowed);
         return Vec::new();
     }
     if ladder.labels.len() > paths.len() {
-        let path = format!("{at}.labels");
         let (found, allowed) = (ladder.labels.len(), format!("at most {}, one for each axis", paths.len()));
-        problems.push(Problem::value(&path, format!("{found} labels"), &allowed).at(&tree.find(&path).0));
+        problems.value(&format!("{at}.labels"), format!("{found} labels"), &allowed);
     }
     let mut rungs = Vec::new();
     for (values, spec) in cases {
@@ -140,8 +135,7 @@ fn rungs_of(ladder: &LadderSpec, at: &str, folder: &Path, tree: &Node, problems:
         let name = name_of(ladder, &axes);
         if !is_name(&name) || name != name.to_lowercase() {
             let allowed = "1 to 60 lower-case letters, digits, `.`, `_`, `-`; `case` gives other names";
-            let message = Problem::value(at, format!("case {name:?}"), allowed);
-            problems.push(message.at(&tree.find(at).0));
+            problems.value(at, format!("case {name:?}"), allowed);
         }
         rungs.push(Rung { name, axes, spec, inputs: inputs.clone() });
     }
@@ -178,7 +172,7 @@ fn name_of(ladder: &LadderSpec, axes: &[AxisValue]) -> String {
 }
 
 /// Checks the names of the cases that small sizes choose.
-fn chosen(ladder: &LadderSpec, at: &str, rungs: &[Rung], tree: &Node, problems: &mut Problems) {
+fn chosen(ladder: &LadderSpec, at: &str, rungs: &[Rung], problems: &mut Problems) {
     if rungs.is_empty() {
         return;
     }
@@ -189,15 +183,14 @@ fn chosen(ladder: &LadderSpec, at: &str, rungs: &[Rung], tree: &Node, problems: 
                 let names = || rungs.iter().map(|rung| rung.name.as_str());
                 let near = nearest(name, names()).map(|near| format!("did you mean \"{near}\"?"));
                 let allowed = format!("one of {}", names().collect::<Vec<_>>().join(", "));
-                let problem = Problem::value(&path, format!("{name:?}"), &allowed);
-                problems.push(problem.at(&tree.find(&path).0).hinted(near));
+                problems.push(Problem::value(&path, format!("{name:?}"), &allowed).hinted(near));
             }
         }
     }
 }
 
 /// Checks the changes of each size in the first case of each ladder.
-fn changes(spec: &SuiteSpec, t: usize, rungs: &[Vec<Rung>], tree: &Node, problems: &mut Problems) {
+fn changes(spec: &SuiteSpec, t: usize, rungs: &[Vec<Rung>], problems: &mut Problems) {
     let track = &spec.tracks[t];
     for (l, (ladder, rungs)) in track.ladders.iter().zip(rungs).enumerate() {
         let Some(first) = rungs.first() else { continue };
@@ -213,8 +206,7 @@ fn changes(spec: &SuiteSpec, t: usize, rungs: &[Vec<Rung>], tree: &Node, problem
                     .and_then(|Assignment { path, value }| set(&first.spec, &path, &value));
                 if let Err(e) = changed {
                     let first = e.problems().into_iter().next().unwrap_or_default();
-                    let message = format!("{assigned}: {first} ({})", ladder.from);
-                    problems.push(Problem::other(&path, message).at(&tree.find(&path).0));
+                    problems.other(&path, format!("{assigned}: {first} ({})", ladder.from));
                 }
             }
         }

@@ -13,7 +13,7 @@ use super::statistics::quantile;
 use super::track_set::side_by_side;
 use super::truth::{Region, ScoredPoints, TrueParticles};
 use crate::results::{Conventions, Converter, LengthUnit, Origin, PARTICLES, Points, Position, TrackRow};
-use storage::advice::{Named, flag, option};
+use storage::advice::{Advice, flag, option};
 use storage::error::Result;
 
 /// Maximum number of frames on which other conventions are tried.
@@ -69,7 +69,7 @@ struct Suspect<'a> {
     question: String,
     how: String,
     convention: Convention<'a>,
-    options: Vec<Named>,
+    options: Vec<Advice>,
     /// The conventions that the options state; as now without options.
     read_as: Conventions,
 }
@@ -262,7 +262,7 @@ impl<'a> ConventionCheck<'a> {
         question: String,
         how: String,
         read_as: Conventions,
-        options: Vec<Named>,
+        options: Vec<Advice>,
     ) -> Result<Suspect<'_>> {
         let (now, other) = (Converter::new(PARTICLES, &self.read_as)?, Converter::new(PARTICLES, &read_as)?);
         let convention: Convention<'_> = Box::new(move |row| {

@@ -1,4 +1,4 @@
-use storage::advice::Named;
+use storage::advice::Advice;
 
 scores! {
     /// A probable mistake of convention, and the score without it, if it is known. Corrections are never applied.
@@ -36,12 +36,12 @@ impl Hint {
 
     /// The hint, ended by the options that read the result without the mistake.
     #[must_use]
-    pub fn with_options(self, options: &[Named]) -> Self {
-        let option: Vec<String> = options.iter().map(Named::to_string).collect();
+    pub fn with_options(self, options: &[Advice]) -> Self {
+        let option: Vec<String> = options.iter().map(Advice::to_string).collect();
         // Two numbers are a tuple in Python.
-        let argument = |named: &Named| match named.argument().split_once(" = ") {
+        let argument = |option: &Advice| match option.python.split_once(" = ") {
             Some((key, value)) if value.contains(' ') => format!("{key}=({})", value.replace(' ', ", ")),
-            _ => named.argument(),
+            _ => option.python.clone(),
         };
         let argument: Vec<String> = options.iter().map(argument).collect();
         let (option, argument) = (option.join(" "), argument.join(", "));

@@ -3,7 +3,7 @@ use super::truth::{Region, TrueParticles};
 use crate::results::{Conventions, Points};
 use clap::Args;
 use microsig_core::render::Context;
-use storage::advice::{Named, flag, option};
+use storage::advice::{Advice, flag, option};
 use storage::argument::choice;
 use storage::dataset::manifest::{ScoringGates, ScoringRules};
 use storage::error::{Error, Result};
@@ -91,7 +91,7 @@ impl EvaluateOptions {
     }
 
     /// The first given option that applies only to the other kind of result (`field` or particles).
-    pub(super) fn foreign_option(&self, field: bool) -> Option<Named> {
+    pub(super) fn foreign_option(&self, field: bool) -> Option<Advice> {
         let of_particles = [
             (option("gate"), self.shape.is_some()),
             (option("gate_xy_px"), self.gate_xy_px.is_some()),

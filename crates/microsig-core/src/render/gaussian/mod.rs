@@ -18,9 +18,10 @@ mod spot;
 use rayon::prelude::*;
 
 use crate::cancel::checkpoint;
-use crate::error::{Error, Faults};
+use crate::error::Error;
 use crate::particle::Particle;
 use crate::pool::BufferPool;
+use crate::problem::Problems;
 use crate::render::instructions::InstructionSet;
 use crate::render::interface::{Description, ImageStreams, Render, Traits};
 use crate::render::patch::{ExpectedPatch, Window};
@@ -51,14 +52,14 @@ impl GaussianRenderer {
     /// A renderer for these settings.
     pub fn new(settings: &Settings, spot: GaussianSpot) -> Result<Self, Error> {
         settings.validate()?;
-        let mut faults = Faults { source_name: Some("gaussian"), ..Faults::default() };
+        let mut problems = Problems::default();
         let positive = |v: f64| v > 0.0 && v <= 1000.0;
         let (diameter, reference) = (spot.diameter_px, spot.reference_um.unwrap_or(1.0));
-        faults.unless(positive(diameter), "diameter_px", diameter, "a number > 0, at most 1000 px");
-        faults.unless(positive(reference), "reference_um", reference, "a number > 0, at most 1000 um");
+        problems.unless(positive(diameter), "diameter_px", diameter, "a number > 0, at most 1000 px");
+        problems.unless(positive(reference), "reference_um", reference, "a number > 0, at most 1000 um");
         let fits = (0.0..=1e9).contains(&spot.peak_counts);
-        faults.unless(fits, "peak_counts", spot.peak_counts, "0 to 1e9 counts");
-        faults.finish()?;
+        problems.unless(fits, "peak_counts", spot.peak_counts, "0 to 1e9 counts");
+        problems.within("gaussian").finish(Error::Malformed)?;
         Ok(GaussianRenderer {
             settings: settings.clone(),
             spot,

@@ -1,8 +1,9 @@
 //! Options of wave optics in addition to MicroSIG's settings, and their validation.
 
 use super::cylinder::Cylinder;
-use crate::error::{Error, Fault, Faults};
+use crate::error::Error;
 use crate::optics::FieldOptics;
+use crate::problem::Problems;
 use crate::settings::Settings;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -286,33 +287,33 @@ impl WaveOptics {
     /// Checks all values; messages have the keys of a scenario. Errors: [`Error::Malformed`] with all values
     /// out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
-        let mut faults = Faults::default();
-        self.light(&mut faults);
-        self.mask(&mut faults);
-        self.zernike(&mut faults);
+        let mut problems = Problems::default();
+        self.light(&mut problems);
+        self.mask(&mut problems);
+        self.zernike(&mut problems);
         let transmission = self.pupil.transmission;
         let passes = (-1.0..=10.0).contains(&transmission);
-        faults.unless(passes, "optics.pupil.transmission", transmission, "-1 to 10");
+        problems.unless(passes, "optics.pupil.transmission", transmission, "-1 to 10");
         let blurs = (0.0..=1e3).contains(&self.blur_um);
-        faults.unless(blurs, "optics.blur_um", self.blur_um, "0 to 1000 um");
+        problems.unless(blurs, "optics.blur_um", self.blur_um, "0 to 1000 um");
         let angle = self.cyl_angle_deg;
         let turned = angle != 0.0 && settings.cyl_focal_length == 0.0 && self.cylinder.is_none();
-        faults.unless(angle.is_finite(), "optics.cyl_angle_deg", angle, "a finite number");
+        problems.unless(angle.is_finite(), "optics.cyl_angle_deg", angle, "a finite number");
         let straight = "0: there is no cylindrical lens (cyl_focal_length = 0)";
-        faults.unless(!turned, "optics.cyl_angle_deg", angle, straight);
-        self.cylinder(settings, &mut faults);
+        problems.unless(!turned, "optics.cyl_angle_deg", angle, straight);
+        self.cylinder(settings, &mut problems);
         if let Some(layers) = &self.layers {
-            self.layers(layers, &mut faults);
+            self.layers(layers, &mut problems);
         }
-        if let Err(Error::Malformed(field_faults)) = self.field.validate(settings) {
-            faults.found.extend(field_faults);
+        if let Err(Error::Malformed(found)) = self.field.validate(settings) {
+            problems.0.extend(found);
         }
-        faults.finish()
+        problems.finish(Error::Malformed)
     }
 
-    fn cylinder(&self, settings: &Settings, faults: &mut Faults) {
+    fn cylinder(&self, settings: &Settings, problems: &mut Problems) {
         let Some(cylinder) = &self.cylinder else { return };
-        let mut refuse = |message: String| faults.found.push(Fault::of("optics.cylinder", message));
+        let mut refuse = |message: String| problems.other("optics.cylinder", message);
         if self.lens != Lens::Aplanatic {
             refuse(
                 "expected nothing, or `lens: aplanatic`: MicroSIG's lens has `cyl_focal_length`".to_owned(),
@@ -329,60 +330,60 @@ impl WaveOptics {
         }
     }
 
-    fn light(&self, faults: &mut Faults) {
+    fn light(&self, problems: &mut Problems) {
         let (wavelength, width) = (self.wavelength_um, self.bandwidth_um);
         let fits = (0.1..=2.0).contains(&wavelength);
-        faults.unless(fits, "render.wavelength_um", wavelength, "0.1 to 2 um, the wavelength in vacuum");
+        problems.unless(fits, "render.wavelength_um", wavelength, "0.1 to 2 um, the wavelength in vacuum");
         let widest = 0.3 * wavelength;
         let (fits, allowed) =
             (width >= 0.0 && width <= widest, format!("0 to {widest:.4} um, 0.3 wavelengths"));
-        faults.unless(fits || !wavelength.is_finite(), "render.bandwidth_um", width, &allowed);
+        problems.unless(fits || !wavelength.is_finite(), "render.bandwidth_um", width, &allowed);
     }
 
-    fn mask(&self, faults: &mut Faults) {
+    fn mask(&self, problems: &mut Problems) {
         match &self.pupil.mask {
             Mask::Open => {}
             Mask::Annulus { inner } => {
                 let allowed = "0 or more and less than 1, in units of the pupil's radius";
                 let fits = (0.0..1.0).contains(inner);
-                faults.unless(fits, "optics.pupil.mask.annulus.inner", inner, allowed);
+                problems.unless(fits, "optics.pupil.mask.annulus.inner", inner, allowed);
             }
             Mask::Pinholes(holes) => {
                 let key = "optics.pupil.mask.pinholes";
-                faults.unless(!holes.is_empty(), key, "[]", "at least one pinhole");
+                problems.unless(!holes.is_empty(), key, "[]", "at least one pinhole");
                 for (i, hole) in holes.iter().enumerate() {
                     let key = format!("optics.pupil.mask.pinholes.{i}");
                     let shown = format!("(x: {}, y: {}, r: {})", hole.x, hole.y, hole.r);
                     let inside = libm::hypot(hole.x, hole.y) + hole.r <= 1.0;
                     let allowed = "a disc of radius > 0 within the pupil, whose radius is 1";
-                    faults.unless(hole.r > 0.0 && inside, &key, &shown, allowed);
+                    problems.unless(hole.r > 0.0 && inside, &key, &shown, allowed);
                     let over =
                         |other: &Pinhole| libm::hypot(hole.x - other.x, hole.y - other.y) < hole.r + other.r;
                     if let Some(other) = holes[..i].iter().position(over) {
                         let allowed = format!("a disc that does not overlap pinhole {other}");
-                        faults.unless(false, &key, &shown, &allowed);
+                        problems.unless(false, &key, &shown, &allowed);
                     }
                 }
             }
         }
     }
 
-    fn zernike(&self, faults: &mut Faults) {
+    fn zernike(&self, problems: &mut Problems) {
         for (i, &(j, waves)) in self.pupil.zernike.iter().enumerate() {
             let key = format!("optics.pupil.zernike.{i}.0");
             let allowed = format!("a Noll index from 2 to {LAST_ZERNIKE}");
-            faults.unless((2..=LAST_ZERNIKE).contains(&j), &key, j, &allowed);
+            problems.unless((2..=LAST_ZERNIKE).contains(&j), &key, j, &allowed);
             let is_new = self.pupil.zernike[..i].iter().all(|(other, _)| *other != j);
-            faults.unless(is_new, &key, j, "each Noll index once");
+            problems.unless(is_new, &key, j, "each Noll index once");
             let key = format!("optics.pupil.zernike.{i}.1");
-            faults.unless(waves.is_finite(), &key, waves, "a finite number of waves rms");
+            problems.unless(waves.is_finite(), &key, waves, "a finite number of waves rms");
         }
         let sum: f64 = self.pupil.zernike.iter().map(|(_, waves)| waves.abs()).sum();
         let allowed = "coefficients whose absolute values sum to at most 5 waves rms";
-        faults.unless(sum <= MAX_WAVES || !sum.is_finite(), "optics.pupil.zernike", sum, allowed);
+        problems.unless(sum <= MAX_WAVES || !sum.is_finite(), "optics.pupil.zernike", sum, allowed);
     }
 
-    fn layers(&self, layers: &Layers, faults: &mut Faults) {
+    fn layers(&self, layers: &Layers, problems: &mut Problems) {
         let Layers { n_s, n_g, t_g_um, n_g_design, t_g_design_um, n_i, n_i_design, t_i_design_um, .. } =
             *layers;
         let indices = [
@@ -393,7 +394,7 @@ impl WaveOptics {
             ("optics.layers.n_i_design", n_i_design),
         ];
         for (key, index) in indices {
-            faults.unless((1.0..=4.0).contains(&index), key, index, "a refractive index, 1 to 4");
+            problems.unless((1.0..=4.0).contains(&index), key, index, "a refractive index, 1 to 4");
         }
         let lengths = [
             ("optics.layers.t_g_um", t_g_um),
@@ -402,15 +403,15 @@ impl WaveOptics {
             ("optics.layers.focus_depth_um", layers.focus_depth_um),
         ];
         for (key, length) in lengths {
-            faults.unless((0.0..=1e6).contains(&length), key, length, "a length, 0 to 1000000 um");
+            problems.unless((0.0..=1e6).contains(&length), key, length, "a length, 0 to 1000000 um");
         }
         if self.lens == Lens::Microsig {
             let dry = "1: MicroSIG's lens is dry (lens: aplanatic may be immersed)";
-            faults.unless(n_i == 1.0, "optics.layers.n_i", n_i, dry);
-            faults.unless(n_i_design == 1.0, "optics.layers.n_i_design", n_i_design, dry);
+            problems.unless(n_i == 1.0, "optics.layers.n_i", n_i, dry);
+            problems.unless(n_i_design == 1.0, "optics.layers.n_i_design", n_i_design, dry);
         }
         let immersion = layers.immersion_um();
-        faults.unless(
+        problems.unless(
             immersion >= 0.0 || immersion.is_nan(),
             "optics.layers.t_i_design_um",
             t_i_design_um,

@@ -5,7 +5,7 @@ use super::vectors::{ComparedVector, INLIER_PX};
 use crate::evaluate::hint::Hint;
 use crate::evaluate::statistics::quantile;
 use crate::results::{Field, FlowVector, LENGTHS, Origin, Position, Reversal};
-use storage::advice::{Named, option};
+use storage::advice::{Advice, option};
 use storage::dataset::RecordingFacts;
 
 /// Smallest number of vectors for which hints are given.
@@ -174,7 +174,7 @@ impl Readings<'_> {
     }
 
     /// The question, changes to the file, and the options that read it so.
-    fn words(&self, reading: Reading) -> (String, Vec<String>, Vec<Named>) {
+    fn words(&self, reading: Reading) -> (String, Vec<String>, Vec<Advice>) {
         let placement = &self.field.placement;
         let (length, dt_s) = (self.px(reading.at).unwrap_or(1.0), self.facts.dt_s);
         let (mut asked, mut changes, mut options) = (Vec::new(), Vec::new(), Vec::new());
