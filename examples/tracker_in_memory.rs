@@ -12,7 +12,8 @@ use storage::dataset::{Columns, Values};
 pub(crate) fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scope = Microscope::setting1().sensor(256, 256).depths_um(-30.0, -10.0).expected();
     let flow = PoiseuilleParams { max_speed_um_s: Some(600.0), ..Default::default() };
-    let made = Recording::sequence(flow, &Cloud::count(40), &scope, 6, 0.005)?.dataset(&Progress::Hidden)?;
+    let made =
+        Recording::sequence(flow, &Cloud::count(40), &scope, 6, 0.005)?.dataset(&Progress::default())?;
 
     let [_, height, width] = made.shape();
     let counts: Vec<f64> = made.counts().values().collect();

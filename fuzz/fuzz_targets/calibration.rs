@@ -25,7 +25,7 @@ static DATASET: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
     let scenario = scenario::load_text(SCENARIO, ("stack.ron", folder.path()), &[], None, &Context::default())
         .unwrap();
     let options =
-        GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden };
+        GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::default() };
     generate(&scenario, &options).unwrap();
     assert_eq!(tracking::check_calibration(&out).unwrap(), 5);
     (folder, out)

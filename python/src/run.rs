@@ -107,11 +107,10 @@ pub(crate) fn run<'s, T: Send + 'static>(
     let (pool, cancellation) = (pool(py)?, Cancellation::default());
     let (show, (asked, reports), mut reported) = (show.into(), Progress::asked(), None);
     let shown = match &show {
-        Show::Terminal(true) if std::io::stderr().is_terminal() => Progress::Bar,
-        Show::Terminal(_) => Progress::Hidden,
-        Show::Callable(_) => asked,
+        Show::Terminal(true) if std::io::stderr().is_terminal() => Progress::bars(),
+        Show::Terminal(_) | Show::Callable(_) => asked,
     };
-    let progress = Progress::Stoppable(cancellation.clone(), Box::new(shown));
+    let progress = shown.stopped_by(&cancellation);
     let (sender, receiver) = mpsc::channel();
     let cancelled = cancellation.clone();
     let job = move || {

@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use generator::runner::Progress;
 use generator::stream::{Batch, Distribution, Drawn, Flow, LabelOptions, SampleStream, Split, StreamOptions};
 use microsig_core::cancel::Cancellation;
 use numpy::{Element, PyArray1, PyArrayMethods};
@@ -156,15 +157,16 @@ impl Samples {
     fn ahead(&self, py: Python<'_>, first: u64, n: usize, step: u64, ahead: usize) -> PyResult<Ahead> {
         let (sender, receiver) = sync_channel(ahead.max(1) - 1);
         let (stream, pool, stop) = (Arc::clone(&self.0), pool(py)?, Cancellation::default());
-        let (work, stopped, threads) = (Arc::clone(&stream), stop.clone(), Arc::clone(&pool));
+        let (work, threads) = (Arc::clone(&stream), Arc::clone(&pool));
+        let progress = Progress::default().stopped_by(&stop);
         let draw = move || {
-            let go_on = || if stopped.is_cancelled() { Err(storage::Error::Interrupted) } else { Ok(()) };
+            let go_on = || progress.check();
             let mut at = first;
             loop {
                 let batch = catch_unwind(AssertUnwindSafe(|| threads.install(|| work.batch(at, n, go_on))));
                 let is_last = !matches!(batch, Ok(Ok(_)));
                 // Without a receiver, no more batches are needed.
-                if stopped.is_cancelled() || sender.send(batch).is_err() || is_last {
+                if go_on().is_err() || sender.send(batch).is_err() || is_last {
                     return;
                 }
                 at = at.wrapping_add(step);

@@ -96,7 +96,7 @@ fn small(place: &Path) -> PathBuf {
 }
 
 fn verifies(dataset: &Path) -> bool {
-    generator::runner::verify(dataset, false, Progress::Hidden, &Context::default()).is_ok()
+    generator::runner::verify(dataset, false, Progress::default(), &Context::default()).is_ok()
 }
 
 #[test]

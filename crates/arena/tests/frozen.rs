@@ -30,7 +30,7 @@ impl Dataset {
         let scenario =
             scenario::load(data().join(format!("{name}.ron")), &[], None, &Context::default()).unwrap();
         let out = place.path().join("dataset");
-        let options = GenerateOptions { out, force: false, resume: false, progress: Progress::Hidden };
+        let options = GenerateOptions { out, force: false, resume: false, progress: Progress::default() };
         generate(&scenario, &options).unwrap();
         Dataset(place)
     }
@@ -236,7 +236,7 @@ fn suite() {
         out: datasets.clone(),
         force: false,
         resume: false,
-        progress: Progress::Hidden,
+        progress: Progress::default(),
         context: Context::default(),
     };
     let chosen = SuiteSelection { split: Some(scenario::Split::Test), ..SuiteSelection::default() };

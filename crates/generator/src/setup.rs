@@ -340,7 +340,7 @@ mod tests {
         assert_eq!(first.particles(), before.particles);
         assert_eq!(before.tracks.iter().filter(|row| row.visible).count(), 10);
         assert!(before.displacements.is_empty() && after.displacements.len() >= 8);
-        let made = recording.dataset(&Progress::Hidden).unwrap();
+        let made = recording.dataset(&Progress::default()).unwrap();
         assert_eq!(made.tracks().count(), before.tracks.len() + after.tracks.len());
     }
 

@@ -102,7 +102,7 @@ pub struct ImportOptions {
     /// Replace existing output
     #[arg(long, short)]
     pub force: bool,
-    #[arg(skip = Progress::Hidden)]
+    #[arg(skip)]
     pub progress: Progress,
     #[arg(skip)]
     pub context: Context,

@@ -109,7 +109,7 @@ fn image(scene: Scene, sets: &str) -> anyhow::Result<Image> {
     let out = place.path().join("dataset");
     generate(
         &scenario,
-        &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden },
+        &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::default() },
     )?;
     anyhow::ensure!(out.join(MANIFEST).is_file(), "a dataset has a manifest");
     let role = if scene == Scene::Later { "b" } else { "a" };

@@ -87,7 +87,7 @@ pub struct ChallengeOptions {
     /// it
     #[arg(long, conflicts_with = "resume")]
     pub new_keys: bool,
-    #[arg(skip = Progress::Hidden)]
+    #[arg(skip)]
     pub progress: Progress,
     #[arg(skip)]
     pub context: Context,

@@ -34,7 +34,7 @@ pub(super) struct Train {
 impl Train {
     /// Reads and verifies the dataset.
     pub(super) fn open(dataset: &Path, context: &Context) -> Result<Self> {
-        verify(dataset, false, Progress::Hidden, context)?;
+        verify(dataset, false, Progress::default(), context)?;
         if secret::streams(dataset)?.is_some() {
             return Err(Error::input(format!(
                 "{}: generated with a secret key, so it is not a public dataset",

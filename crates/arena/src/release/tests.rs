@@ -18,7 +18,7 @@ fn dataset(out: &Path) -> PathBuf {
     let out = out.join("dataset");
     generate(
         &scenario,
-        &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden },
+        &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::default() },
     )
     .unwrap();
     out

@@ -49,8 +49,8 @@ pub(super) fn progress(common: &Common) -> Progress {
         return caller.progress.clone();
     }
     match common.progress {
-        _ if common.quiet => Progress::Hidden,
-        ProgressStyle::Auto if std::io::stderr().is_terminal() => Progress::Bar,
+        _ if common.quiet => Progress::default(),
+        ProgressStyle::Auto if std::io::stderr().is_terminal() => Progress::bars(),
         ProgressStyle::Auto | ProgressStyle::Lines => REPORTS.get_or_init(Progress::lines).clone(),
         ProgressStyle::Json => REPORTS.get_or_init(Progress::json).clone(),
     }

@@ -26,6 +26,7 @@ use generator::dataset::truth::{depth, rendered};
 use generator::preview::infeasible;
 use generator::runner::{Cost, Frames};
 use scenario::Scenario;
+use storage::error::{Error, Result};
 
 /// Maximum time for rendering a frame, s; if it would take longer, only the first particles are rendered.
 const FRAME_S: f64 = 4.0;
@@ -38,20 +39,6 @@ const MAX_PIXELS: u64 = 1 << 24;
 
 /// Maximum number of particles in a frame of a preview.
 const MAX_PARTICLES: f64 = 2e6;
-
-/// Reason why a preview stops early.
-enum Stop {
-    /// Another preview has started, or the page is closed.
-    Replaced,
-    /// It cannot be computed.
-    Failed(String),
-}
-
-impl From<storage::error::Error> for Stop {
-    fn from(error: storage::error::Error) -> Self {
-        Stop::Failed(error.to_string())
-    }
-}
 
 /// A preview that is being computed.
 struct PreviewRun {
@@ -67,25 +54,26 @@ pub(super) fn run(app: &App, text: &str, cancellation: Cancellation, sender: Sen
     let _one_at_a_time = locked(&under_way);
     let ended = match preview.cancellation.run(0, || preview.parts(app, text)) {
         Some(Ok(())) => json!({ "part": "end" }),
-        Some(Err(Stop::Failed(why))) => json!({ "part": "failed", "message": why }),
-        Some(Err(Stop::Replaced)) | None => return,
+        Some(Err(Error::Interrupted)) | None => return,
+        Some(Err(error)) => json!({ "part": "failed", "message": error.to_string() }),
     };
     let _ = preview.send(ended, &[]);
 }
 
 impl PreviewRun {
-    fn send(&self, mut part: Value, block: &[u8]) -> std::result::Result<(), Stop> {
+    fn send(&self, mut part: Value, block: &[u8]) -> Result<()> {
         part["ms"] = json!(self.start.elapsed().as_millis() as u64);
         let sent = self.sender.blocking_send(message(&part, block));
-        if sent.is_err() || self.cancellation.is_cancelled() { Err(Stop::Replaced) } else { Ok(()) }
+        if sent.is_err() { Err(Error::Interrupted) } else { self.check() }
     }
 
-    fn check(&self) -> std::result::Result<(), Stop> {
+    /// Checks that no other preview has started and the page is open.
+    fn check(&self) -> Result<()> {
         let is_left = self.cancellation.is_cancelled() || self.sender.is_closed();
-        if is_left { Err(Stop::Replaced) } else { Ok(()) }
+        if is_left { Err(Error::Interrupted) } else { Ok(()) }
     }
 
-    fn parts(&self, app: &App, text: &str) -> std::result::Result<(), Stop> {
+    fn parts(&self, app: &App, text: &str) -> Result<()> {
         self.check()?;
         let scenario = match editor::read(&app.subject, text) {
             Ok(scenario) => scenario,
@@ -98,7 +86,7 @@ impl PreviewRun {
             &[],
         )?;
         if cost.pixels > MAX_PIXELS || cost.particles_per_frame > MAX_PARTICLES {
-            return Err(Stop::Failed(format!(
+            return Err(Error::input(format!(
                 "too large for a preview: {} pixels, {:.0} particles in a frame",
                 cost.pixels, cost.particles_per_frame
             )));
@@ -141,12 +129,7 @@ impl PreviewRun {
 
     /// Renders a frame, or as many of its particles as time permits; returns the image, the (extrapolated)
     /// time for all particles in s, and the fraction of the particles that is rendered.
-    fn draw(
-        &self,
-        scenario: &Scenario,
-        camera: &Camera,
-        frame: &Frame,
-    ) -> std::result::Result<(Image, f64, f64), Stop> {
+    fn draw(&self, scenario: &Scenario, camera: &Camera, frame: &Frame) -> Result<(Image, f64, f64)> {
         let rows = rendered(scenario, camera.renderer(), frame);
         let timed = |rows: &[Particle]| {
             let start = Instant::now();

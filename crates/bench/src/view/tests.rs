@@ -132,7 +132,7 @@ fn dataset(folder: &Path) -> std::path::PathBuf {
     let out = folder.join("small");
     generate(
         &scenario,
-        &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden },
+        &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::default() },
     )
     .unwrap();
     out

@@ -18,60 +18,74 @@ use storage::table_cache::TableFolder;
 /// All bars of the process, stacked.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 
-/// How progress is shown, and whether the work can be stopped.
-#[derive(Debug, Clone)]
-pub enum Progress {
-    /// Bars on a terminal.
-    Bar,
-    /// Bars below existing ones.
-    Below(MultiProgress),
-    /// Reports instead of bars; whether without notes, as for a part of a longer task.
-    Reports(Arc<Reports>, bool),
-    /// No bars.
-    Hidden,
-    /// Work that another thread may stop.
-    Stoppable(Cancellation, Box<Progress>),
+/// How progress is shown.
+#[derive(Debug, Clone, Default)]
+enum Shown {
+    /// Not at all.
+    #[default]
+    Nothing,
+    /// Only by warnings.
+    Warnings,
+    /// By bars on a terminal.
+    Bars,
+    /// By reports instead of bars.
+    Reports(Arc<Reports>),
+}
+
+/// Progress of some work: how it is shown (by default not at all), and what stops the work.
+#[derive(Debug, Clone, Default)]
+pub struct Progress {
+    shown: Shown,
+    /// Whether the work is a part of a longer task, which has the notes.
+    is_part: bool,
+    stop: Cancellation,
 }
 
 impl Progress {
     /// Checks whether the work may continue.
     pub fn check(&self) -> Result<()> {
-        match self {
-            Progress::Stoppable(stop, _) if stop.is_cancelled() => Err(Error::Interrupted),
-            Progress::Stoppable(_, within) => within.check(),
-            _ => Ok(()),
-        }
+        if self.stop.is_cancelled() { Err(Error::Interrupted) } else { Ok(()) }
+    }
+
+    /// The same for work that another thread may stop.
+    #[must_use]
+    pub fn stopped_by(self, stop: &Cancellation) -> Self {
+        Progress { stop: stop.clone(), ..self }
+    }
+
+    /// Bars on a terminal.
+    pub fn bars() -> Self {
+        Progress { shown: Shown::Bars, ..Progress::default() }
     }
 
     /// A line every minute, with the time left.
     pub fn lines() -> Self {
-        Progress::Reports(Reports::start(Form::Lines, Some(Duration::from_secs(60)), report), false)
+        Progress::reported(Reports::start(Form::Lines, Some(Duration::from_secs(60)), report))
     }
 
     /// A JSON object per task and line, when the task begins, every second, and when it ends.
     pub fn json() -> Self {
-        Progress::Reports(Reports::start(Form::Json, Some(Duration::from_secs(1)), report), false)
+        Progress::reported(Reports::start(Form::Json, Some(Duration::from_secs(1)), report))
     }
 
-    /// Progress that another thread asks for.
+    /// Progress that another thread asks for; no notes are printed.
     pub fn asked() -> (Self, Arc<Reports>) {
         let reports = Reports::start(Form::Polled, None, |_| ());
-        (Progress::Reports(Arc::clone(&reports), true), reports)
+        (Progress { is_part: true, ..Progress::reported(Arc::clone(&reports)) }, reports)
     }
 
-    /// Whether notes are printed: not if bars are hidden, and not for a part of a longer task.
+    fn reported(reports: Arc<Reports>) -> Self {
+        Progress { shown: Shown::Reports(reports), ..Progress::default() }
+    }
+
+    /// Whether notes are printed: not if nothing is shown, and not for a part of a longer task.
     pub(crate) fn has_notes(&self) -> bool {
-        match self {
-            Progress::Bar => true,
-            Progress::Stoppable(_, shown) => shown.has_notes(),
-            Progress::Reports(_, is_part) => !is_part,
-            Progress::Below(_) | Progress::Hidden => false,
-        }
+        !self.is_part && matches!(self.shown, Shown::Bars | Shown::Reports(_))
     }
 
     /// Prints a warning, if there is one, on standard error, above the bars, also within a longer task.
     pub fn warn(&self, text: Option<&str>) {
-        if let Some(text) = text.filter(|_| !matches!(self, Progress::Hidden)) {
+        if let Some(text) = text.filter(|_| !matches!(self.shown, Shown::Nothing)) {
             let _ = BARS.suspend(|| writeln!(std::io::stderr().lock(), "warning: {text}"));
         }
     }
@@ -86,67 +100,58 @@ impl Progress {
 
     /// A bar for `n` images.
     pub fn images(&self, n: u64) -> Bar {
-        self.bar(n, "images")
+        self.task(Some(n), "images")
     }
 
     /// A bar for work of which a share is known to be done ([`Bar::set_share`]).
     pub fn percent(&self, of: &'static str) -> Bar {
-        self.bar(100, of)
+        self.task(Some(100), of)
     }
 
     /// A bar for the `n` cases of a sweep, and the progress within a case, shown below it.
     pub fn cases(&self, n: u64) -> (Bar, Progress) {
-        match self {
-            Progress::Hidden => (Bar::default(), Progress::Hidden),
+        let mut within = Progress { is_part: true, ..self.clone() };
+        if matches!(&self.shown, Shown::Reports(reports) if reports.are_polled()) {
             // The parts would only interrupt it.
-            Progress::Reports(reports, _) if reports.are_polled() => (self.bar(n, "cases"), Progress::Hidden),
-            Progress::Reports(reports, _) => {
-                (self.bar(n, "cases"), Progress::Reports(Arc::clone(reports), true))
-            }
-            Progress::Stoppable(stop, shown) => {
-                let (bar, within) = shown.cases(n);
-                (bar, Progress::Stoppable(stop.clone(), Box::new(within)))
-            }
-            Progress::Bar | Progress::Below(_) => {
-                let within = Progress::Below(BARS.clone());
-                (within.bar(n, "cases"), within)
-            }
+            within.shown = Shown::Warnings;
         }
+        (self.task(Some(n), "cases"), within)
     }
 
     /// A spinner with the elapsed time, for work of unknown duration.
     pub fn spinner(&self, what: &'static str) -> Bar {
-        let bar = match self {
-            Progress::Hidden => return Bar::default(),
-            Progress::Stoppable(_, shown) => return shown.spinner(what),
-            Progress::Reports(reports, _) => return Bar::reported(reports, 0, what),
-            Progress::Bar => BARS.add(ProgressBar::new_spinner()),
-            Progress::Below(bars) => bars.add(ProgressBar::new_spinner()),
-        };
-        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {elapsed}") {
-            bar.set_style(style);
-        }
-        bar.set_message(what);
-        bar.enable_steady_tick(Duration::from_millis(200));
-        Bar { bar, reported: None }
+        self.task(None, what)
     }
 
-    fn bar(&self, n: u64, what: &'static str) -> Bar {
-        let bar = match self {
-            Progress::Hidden => return Bar::default(),
-            Progress::Stoppable(_, shown) => return shown.bar(n, what),
-            Progress::Reports(reports, _) => return Bar::reported(reports, n, what),
-            Progress::Bar => BARS.add(ProgressBar::new(n)),
-            Progress::Below(bars) => bars.add(ProgressBar::new(n)),
+    /// A task of so many parts, if their number is known.
+    fn task(&self, parts: Option<u64>, what: &'static str) -> Bar {
+        let bar = ProgressBar::with_draw_target(Some(parts.unwrap_or(0)), ProgressDrawTarget::hidden());
+        let reported = match &self.shown {
+            Shown::Nothing | Shown::Warnings => None,
+            Shown::Reports(reports) => Some(reports.task(what, bar.clone())),
+            Shown::Bars => {
+                draw(&BARS.add(bar.clone()), parts, what);
+                None
+            }
         };
-        let template = format!("{{pos}}/{{len}} {what} {{msg}} {{wide_bar}} {{rate}}{{left}}");
-        if let Ok(style) = ProgressStyle::with_template(&template) {
-            bar.set_style(style.with_key("rate", rate).with_key("left", left));
-        }
-        // Keeps the bar moving while no part is finished.
-        bar.enable_steady_tick(Duration::from_millis(500));
-        Bar { bar, reported: None }
+        Bar { bar, reported }
     }
+}
+
+/// Draws a bar, or a spinner for a task of unknown duration.
+fn draw(bar: &ProgressBar, parts: Option<u64>, what: &'static str) {
+    let (template, tick_ms) = match parts {
+        // The ticks keep the bar moving while no part is finished.
+        Some(_) => (format!("{{pos}}/{{len}} {what} {{msg}} {{wide_bar}} {{rate}}{{left}}"), 500),
+        None => ("{spinner} {msg} {elapsed}".to_owned(), 200),
+    };
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style.with_key("rate", rate).with_key("left", left));
+    }
+    if parts.is_none() {
+        bar.set_message(what);
+    }
+    bar.enable_steady_tick(Duration::from_millis(tick_ms));
 }
 
 /// Writes a line of a report; if that is not possible, the work goes on.
@@ -161,20 +166,7 @@ pub struct Bar {
     reported: Option<Reported>,
 }
 
-impl Default for Bar {
-    /// A bar that is not shown.
-    fn default() -> Self {
-        Bar { bar: ProgressBar::hidden(), reported: None }
-    }
-}
-
 impl Bar {
-    fn reported(reports: &Arc<Reports>, n: u64, what: &'static str) -> Self {
-        let bar = ProgressBar::with_draw_target(Some(n), ProgressDrawTarget::hidden());
-        let reported = Some(reports.task(what, bar.clone()));
-        Bar { bar, reported }
-    }
-
     /// `n` more parts are done.
     pub fn inc(&self, n: u64) {
         self.bar.inc(n);
@@ -226,7 +218,7 @@ impl TableStore for Tables {
         let mut lock = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
         let (made, bar) = &mut *lock;
         let bar = bar.get_or_insert_with(|| {
-            let bar = self.progress.bar(0, "image tables");
+            let bar = self.progress.task(Some(0), "image tables");
             // Not all tables of a run are known from the beginning.
             if *made > 0 {
                 bar.set_message(format!("{made} more made before"));

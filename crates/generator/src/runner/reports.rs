@@ -39,6 +39,7 @@ pub struct Reports {
 }
 
 /// A task under way.
+#[derive(Debug)]
 pub(super) struct Task {
     what: &'static str,
     since: Instant,
@@ -78,9 +79,15 @@ impl Reports {
     pub(super) fn task(self: &Arc<Self>, what: &'static str, bar: ProgressBar) -> Reported {
         let task = Arc::new(Task { what, since: Instant::now(), bar });
         self.tasks().push(Arc::clone(&task));
-        let reported = Reported { reports: Arc::clone(self), task };
-        reported.tell(Event::Begin);
-        reported
+        self.tell(Event::Begin, &task);
+        Reported { reports: Arc::clone(self), task }
+    }
+
+    /// Reports a task as JSON.
+    fn tell(&self, event: Event, task: &Task) {
+        if self.form == Form::Json {
+            (self.write)(&task.json(event));
+        }
     }
 
     /// The list of tasks, without those that have ended before the last one began.
@@ -109,10 +116,9 @@ impl Reports {
     fn all(&self) {
         let mut running = self.tasks().clone();
         running.retain(|task| task.is_running());
-        match self.form {
-            Form::Polled => {}
-            Form::Json => running.iter().for_each(|task| (self.write)(&task.json(Event::Progress))),
-            Form::Lines => line(&running).iter().for_each(|line| (self.write)(line)),
+        running.iter().for_each(|task| self.tell(Event::Progress, task));
+        if self.form == Form::Lines {
+            line(&running).iter().for_each(|line| (self.write)(line));
         }
     }
 }
@@ -124,24 +130,10 @@ pub(super) struct Reported {
     task: Arc<Task>,
 }
 
-impl Reported {
-    fn tell(&self, event: Event) {
-        if self.reports.form == Form::Json {
-            (self.reports.write)(&self.task.json(event));
-        }
-    }
-}
-
 impl Drop for Reported {
     fn drop(&mut self) {
-        self.tell(Event::End);
+        self.reports.tell(Event::End, &self.task);
         self.task.bar.abandon();
-    }
-}
-
-impl fmt::Debug for Task {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", self.bar.position(), self.what)
     }
 }
 

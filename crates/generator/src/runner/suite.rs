@@ -400,7 +400,7 @@ fn there(dataset: &Path, context: &Context) -> Result<std::result::Result<Frozen
     if !dataset.join(MANIFEST).is_file() {
         return Ok(Err(vec![format!("{MANIFEST}: missing, so this is not a dataset")]));
     }
-    match verify(dataset, false, Progress::Hidden, context) {
+    match verify(dataset, false, Progress::default(), context) {
         Ok(_) => digests(dataset).map(Ok),
         Err(Error::Failed(problems)) => Ok(Err(problems)),
         Err(e) => Err(e),

@@ -518,7 +518,7 @@ mod tests {
         let timing = Timing::Sequence(Sequence { jitter_s, ..Sequence::new(3, DT_S) });
         let recording = Recording::timed(flow, &Cloud::count(3).diameter_um(1.0), &scope, timing).unwrap();
         assert!((recording.scenario().scale.um_per_px() - UM_PER_PX).abs() < 1e-12);
-        recording.dataset(&Progress::Hidden).unwrap()
+        recording.dataset(&Progress::default()).unwrap()
     }
 
     /// The central displacement in image pair `pair`, px, by the classical Runge-Kutta method.
@@ -562,7 +562,7 @@ mod tests {
     }
 
     fn save(made: &MemoryDataset, out: &Path) {
-        let (out, progress) = (out.to_owned(), Progress::Hidden);
+        let (out, progress) = (out.to_owned(), Progress::default());
         made.save(&GenerateOptions { out, force: false, resume: false, progress }).unwrap();
     }
 
