@@ -260,7 +260,7 @@ impl Fitted {
     /// The conclusion as a sentence.
     pub fn sentence(&self) -> String {
         let unlike = "geometrical optics does not describe this scan: images this close to focus, or particles this small, are \
-                      shaped by diffraction";
+                      shaped by diffraction; use the wave model";
         sentence(unlike, self.verdict, [self.chi2, self.excess_sd, self.r2])
     }
 }

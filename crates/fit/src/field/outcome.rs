@@ -112,15 +112,23 @@ pub struct FieldFit {
 }
 
 impl FieldFit {
-    /// The conclusion as a sentence.
+    /// The conclusion, and what the model may lack if it does not describe the scan.
     pub fn sentence(&self) -> String {
-        sentence(
+        let conclusion = sentence(
             "wave optics does not describe this scan: inspect the residuals",
             self.verdict,
             [self.chi2_of_field, self.excess_sd, self.r2_of_signal],
-        )
+        );
+        match self.verdict {
+            Verdict::NotDescribed => conclusion + ASSUMPTIONS,
+            _ => conclusion,
+        }
     }
 }
+
+const ASSUMPTIONS: &str = ". The fit assumes light of a single wavelength (no bandwidth), the medium and cover slip that the \
+    objective is designed for unless a fluid is given (--fluid), and optics that are the same over the field of view unless \
+    their variation is fitted (--field). Wavelength, emission and diameter may be wrong, too";
 
 /// A fit with the files that describe it.
 #[derive(Debug)]
