@@ -39,19 +39,19 @@ struct Quantity {
 /// Plots of every score over each parameter; `px_per_um_s` turns velocities of the sweep into displacements (px).
 pub(super) fn axis_plots(scores: &[(Entry, Score)], px_per_um_s: Option<f64>) -> Result<Vec<Markup>> {
     let all: Vec<Scored<'_>> = scores.iter().collect();
-    let mut values: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
-    for (axis, value) in all.iter().flat_map(|s| &s.0.axes) {
-        values.entry(axis).or_default().insert(axis_text(value));
-    }
-    let keys: BTreeSet<&str> = values.keys().copied().collect();
+    let keys: BTreeSet<&str> = all.iter().flat_map(|s| s.0.axes.keys()).map(String::as_str).collect();
+    let values: BTreeMap<&str, Vec<String>> = keys.iter().map(|key| (*key, texts(key, &all))).collect();
     let mut plots = Vec::new();
-    for axis in values.keys() {
-        let varied = values.iter().filter(|(other, values)| *other != axis && values.len() > 1);
+    // The parameter with the most values is the one that the sweep is for.
+    let mut axes: Vec<&str> = keys.iter().copied().collect();
+    axes.sort_by_key(|axis| std::cmp::Reverse(values[axis].len()));
+    for axis in axes {
+        let varied = values.iter().filter(|(other, values)| **other != axis && values.len() > 1);
         let mut others: Vec<&str> = varied.map(|(other, _)| *other).collect();
         // The parameter of the lines is the one with the most values.
         others.sort_by_key(|other| std::cmp::Reverse(values[other].len()));
-        let Some(x) = Parameter::of(axis, &all, px_per_um_s) else { continue };
-        let sweep = Sweep { all: &all, x, others, keys: &keys };
+        let Some(x) = Parameter::of(axis, &all, &values[axis], px_per_um_s) else { continue };
+        let sweep = Sweep { all: &all, x, others, keys: &keys, values: &values };
         if let Some(component) = sweep.x.component {
             plots.extend(sweep.bias_over_a_period(component)?);
         }
@@ -66,32 +66,33 @@ pub(super) fn axis_plots(scores: &[(Entry, Score)], px_per_um_s: Option<f64>) ->
 fn quantities(component: Option<usize>) -> Vec<Quantity> {
     // The bias along `component` is drawn with the random error.
     let is_other = move |name: &str| component != Some(0) || name != "bias_u_px";
-    let of_scores = SCORES.iter().enumerate().filter(move |(_, def)| def.is_headline && is_other(def.name));
-    let of_scores = of_scores.map(|(index, def)| Quantity {
-        title: def.title(),
-        bars: None,
-        of: Box::new(move |s| s.0.score(index)),
-    });
     type Plain = fn(&Score) -> Option<f64>;
-    let plain = |title: &str, of: Plain| Quantity {
-        title: title.to_owned(),
-        bars: None,
-        of: Box::new(move |s| (of(&s.1), None)),
-    };
+    // A few outliers decide about a root mean square: what they do not decide is beside it.
+    let robust: [(&str, &str, Plain); 5] = [
+        ("rmse_xy_px", "median error xy, px", |s| s.detection.as_ref()?.p50_xy_px),
+        ("sigma_z_over_h", "share of outliers (GDPT)", |s| s.gdpt.as_ref()?.rate_outlier),
+        ("rms_nodes_px", "median error of u, px", |s| s.field.as_ref()?.main.u.median_abs_px),
+        ("rms_nodes_px", "median error of v, px", |s| s.field.as_ref()?.main.v.median_abs_px),
+        ("rms_nodes_px", "share of outliers", |s| s.field.as_ref()?.main.outlier_fraction),
+    ];
+    let shown = SCORES.iter().enumerate().filter(move |(_, def)| def.is_headline && is_other(def.name));
+    let scores = shown.flat_map(move |(index, def)| {
+        let score =
+            Quantity { title: def.title(), bars: None, of: Box::new(move |s: Scored<'_>| s.0.score(index)) };
+        let beside = robust.into_iter().filter(|(name, ..)| *name == def.name);
+        let beside = beside.map(|(_, title, of)| Quantity {
+            title: title.to_owned(),
+            bars: None,
+            of: Box::new(move |s: Scored<'_>| (of(&s.1), None)),
+        });
+        std::iter::once(score).chain(beside).collect::<Vec<_>>()
+    });
     let bias = component.map(|k| Quantity {
         title: ["bias of u, px", "bias of v, px"][k].to_owned(),
         bars: Some("random errors"),
         of: Box::new(move |s| biased(&s.1, k)),
     });
-    // A few outliers decide about a root mean square.
-    let robust = [
-        plain("median error xy of found particles, px", |s| s.detection.as_ref()?.p50_xy_px),
-        plain("share of outliers (GDPT)", |s| s.gdpt.as_ref()?.rate_outlier),
-        plain("median error of u, px", |s| s.field.as_ref()?.main.u.median_abs_px),
-        plain("median error of v, px", |s| s.field.as_ref()?.main.v.median_abs_px),
-        plain("share of outliers", |s| s.field.as_ref()?.main.outlier_fraction),
-    ];
-    bias.into_iter().chain(of_scores).chain(robust).collect()
+    bias.into_iter().chain(scores).collect()
 }
 
 /// Bias of a component of the displacement, and the same with the random error on both sides.
@@ -114,7 +115,7 @@ struct Parameter {
 }
 
 impl Parameter {
-    fn of(key: &str, all: &[Scored<'_>], px_per_um_s: Option<f64>) -> Option<Self> {
+    fn of(key: &str, all: &[Scored<'_>], texts: &[String], px_per_um_s: Option<f64>) -> Option<Self> {
         let values = order_of_axes(all.iter().filter_map(|s| s.0.axes.get_key_value(key)));
         let (_, stem, first, _) = values.first()?;
         let has_form =
@@ -133,17 +134,17 @@ impl Parameter {
         let label = match component {
             Some(k) => format!("displacement along {}, px", ['x', 'y'][k]),
             None => match nth.filter(|_| is_vector && first.len() == 3) {
-                Some(k) => format!("{}, {}", ["x", "y", "z"][k], words),
+                Some(k) => {
+                    let (name, unit) = words.split_once(", ").unwrap_or((&words, ""));
+                    let separator = if unit.is_empty() { "" } else { ", " };
+                    format!("{name} along {}{separator}{unit}", ["x", "y", "z"][k])
+                }
                 None => words,
             },
         };
         let mut names: Vec<(String, String)> = Vec::new();
         if nth.is_none() {
-            let mut texts: Vec<String> =
-                all.iter().filter_map(|s| s.0.axes.get(key)).map(axis_text).collect();
-            texts.sort_unstable();
-            texts.dedup();
-            names = texts.iter().map(|text| (text.clone(), short_value(text, &texts))).collect();
+            names = texts.iter().map(|text| (text.clone(), short_value(text, texts))).collect();
         }
         let factor = component.and(velocity).unwrap_or(1.0);
         Some(Parameter { label, key: key.to_owned(), number: nth.map(|nth| (nth, factor)), names, component })
@@ -188,8 +189,35 @@ fn words(key: &str) -> String {
     format!("{}, {unit}", last.strip_suffix(&ending).unwrap_or(last).replace('_', " "))
 }
 
+/// The values of a parameter, in their order.
+fn texts(key: &str, all: &[Scored<'_>]) -> Vec<String> {
+    let mut values: Vec<_> = all.iter().filter_map(|s| s.0.axes.get_key_value(key)).collect();
+    values.sort_by(|a, b| {
+        let [a, b] = [*a, *b].map(|value| order_of_axes(std::iter::once(value)));
+        a.partial_cmp(&b).unwrap_or(std::cmp::Ordering::Equal)
+    });
+    let mut texts: Vec<String> = values.into_iter().map(|(_, value)| axis_text(value)).collect();
+    texts.dedup();
+    texts
+}
+
+/// Part of a value in words: `to_sensor_mm: 70` as `to sensor 70 mm`.
+fn in_words(part: &str) -> String {
+    let Some((key, value)) = part.split_once(':') else {
+        return if part == "None" { "none".to_owned() } else { part.replace('_', " ") };
+    };
+    let (name, unit) = match key.rsplit_once('_') {
+        Some((name, unit @ ("um" | "mm" | "px" | "deg" | "s"))) => (name, unit),
+        _ => (key, ""),
+    };
+    format!("{} {} {unit}", name.replace('_', " "), value.trim()).trim_end().to_owned()
+}
+
 /// The parts of a value that not all values have.
 fn short_value(text: &str, all: &[String]) -> String {
+    if text.contains('[') {
+        return text.to_owned();
+    }
     let parts = |text: &str| -> Vec<String> {
         text.split(['(', ')', ','])
             .map(|part| part.trim().to_owned())
@@ -202,8 +230,9 @@ fn short_value(text: &str, all: &[String]) -> String {
         let alike = all.iter().filter(|other| parts(other).len() > 1).collect::<Vec<_>>();
         alike.len() > 1 && parts(text).len() > 1 && alike.iter().all(|other| parts(other).contains(part))
     };
-    let own: Vec<String> = parts(text).into_iter().filter(|part| !shared(part) && !longest(part)).collect();
-    if own.is_empty() { text.to_owned() } else { own.join(", ").replace('_', " ") }
+    let is_own = |part: &String| !shared(part) && !longest(part);
+    let own: Vec<String> = parts(text).into_iter().filter(is_own).map(|part| in_words(&part)).collect();
+    if own.is_empty() { text.to_owned() } else { own.join(", ") }
 }
 
 /// The scores over one of the parameters.
@@ -213,6 +242,8 @@ struct Sweep<'a> {
     /// The other parameters that vary: the first one distinguishes lines, the rest panels.
     others: Vec<&'a str>,
     keys: &'a BTreeSet<&'a str>,
+    /// The values of each parameter.
+    values: &'a BTreeMap<&'a str, Vec<String>>,
 }
 
 /// The scores of a line: at each place of the axis, all repetitions.
@@ -238,6 +269,7 @@ impl<'a> Sweep<'a> {
     /// Name and value of a parameter of a score.
     fn text(&self, key: &str, s: Scored<'_>) -> String {
         let value = axis_text(s.0.axes.get(key).unwrap_or(&Value::Null));
+        let value = short_value(&value, &self.values[key]);
         let named = words(key);
         if self.keys.iter().any(|other| *other != key && words(other) == named) {
             return format!("{} = {value}", short_key(key, self.keys).replace('_', " "));
@@ -470,11 +502,10 @@ mod tests {
         let scores = values.map(|value| scored("ncc", 0.5, &[("optics.cylinder", value)]));
         let page = pages(&scores).concat();
         assert!(page.contains("F1 against cylindrical lens"), "{page}");
-        for name in ["None", "to sensor mm:", "70", "115"] {
-            assert!(page.lines().any(|line| line.trim() == name), "{name} has no place in {page}");
-        }
+        let place = |name: &str| page.lines().position(|line| line.trim() == name).unwrap();
+        assert!(["none", "to sensor 70 mm", "to sensor 115"].map(place).is_sorted(), "{page}");
         let is_curve = |line: &str| line.contains("<polyline") && line.contains("stroke-width=\"2\"");
-        assert!(!page.contains("focal") && !page.lines().any(is_curve), "dots without lines");
+        assert!(!page.contains("focal length 1000") && !page.lines().any(is_curve), "dots without lines");
     }
 
     #[test]
@@ -565,6 +596,6 @@ mod tests {
         let z = [(0.0, 0.1), (3.0, 0.2)].map(|(w, f1): (f64, f64)| {
             scored("piv", f1, &[("u.velocity_um_s", format!("(0, 0, {w})").into())])
         });
-        assert!(pages(&z).concat().contains("F1 against z, velocity"), "{}", pages(&z).concat());
+        assert!(pages(&z).concat().contains("F1 against velocity um s along z"), "{}", pages(&z).concat());
     }
 }
