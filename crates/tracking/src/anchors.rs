@@ -5,7 +5,7 @@ use microsig_core::stream::{Purpose, Streams};
 
 use super::output::{Output, Row};
 use super::piv;
-use super::{Method, TrackOptions};
+use super::{Localization, Method, TrackOptions};
 use generator::runner::DatasetPlace;
 use scoring::evaluate::truth::TrueParticles;
 use storage::error::Result;
@@ -34,39 +34,31 @@ pub(super) const EMPTY: Method =
 /// The visible truth with independent normal noise.
 fn noisy(dataset: &DatasetPlace, options: &TrackOptions) -> Result<Output> {
     let mut stream = Streams::new(options.seed).stream(Purpose::BackgroundNoise, 0, 0);
-    moved(dataset, |row| {
-        row.x_px += options.noise_xy_px * normal(&mut stream);
-        row.y_px += options.noise_xy_px * normal(&mut stream);
-        row.z_um = row.z_um.map(|z| z + options.noise_z_um * normal(&mut stream));
+    moved(dataset, |found| {
+        found.x_px += options.noise_xy_px * normal(&mut stream);
+        found.y_px += options.noise_xy_px * normal(&mut stream);
+        found.z_um = found.z_um.map(|z| z + options.noise_z_um * normal(&mut stream));
     })
 }
 
 /// The visible truth with pixels numbered from 0 but declared as numbered from 1: `evaluate` must print a
 /// hint.
 fn offset(dataset: &DatasetPlace) -> Result<Output> {
-    moved(dataset, |row| {
-        row.x_px -= 1.0;
-        row.y_px -= 1.0;
+    moved(dataset, |found| {
+        found.x_px -= 1.0;
+        found.y_px -= 1.0;
     })
 }
 
-fn moved(dataset: &DatasetPlace, mut change: impl FnMut(&mut Row)) -> Result<Output> {
+fn moved(dataset: &DatasetPlace, mut change: impl FnMut(&mut Localization)) -> Result<Output> {
     let truth = TrueParticles::from_place(dataset)?;
     let visible = truth.rows.iter().zip(&truth.visible).filter(|(_, visible)| **visible);
     let rows = visible.map(|(row, _)| {
         let z_um = truth.has_z.then_some(row.at.z_um);
-        let mut row = Row {
-            frame: row.frame,
-            track: row.track,
-            x_px: row.at.x_px,
-            y_px: row.at.y_px,
-            z_um,
-            deviations: None,
-            d_um: None,
-            shape: None,
-        };
-        change(&mut row);
-        row
+        let (x_px, y_px) = (row.at.x_px, row.at.y_px);
+        let mut found = Localization { x_px, y_px, z_um, ..Localization::default() };
+        change(&mut found);
+        Row { frame: row.frame, track: row.track, found }
     });
     Ok(Output::Points(rows.collect()))
 }

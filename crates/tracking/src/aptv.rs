@@ -222,9 +222,7 @@ impl CalibrationCurve {
             x_px: region.at[0] - ox + 1.0,
             y_px: region.at[1] - oy + 1.0,
             z_um: Some(self.points[nearest].0),
-            deviations: None,
-            d_um: None,
-            shape: None,
+            ..Localization::default()
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use glam::{DMat4, DVec4};
 
+use super::OtherSide;
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 
@@ -28,13 +29,16 @@ pub(super) struct ParticleFit {
     /// Position relative to the center of the first pixel, px.
     pub(super) at: [f64; 2],
     pub(super) z_um: f64,
-    /// A depth on the other side of the focus whose image resembles the data nearly as well.
+    /// A depth on the other side of the focus whose image resembles the data nearly as well, then the fit there.
     pub(super) other_z_um: Option<f64>,
+    pub(super) other: Option<OtherSide>,
     pub(super) amplitude: f64,
     /// Reduction of chi^2 (the weighted sum of squares) by the particle.
     pub(super) chi2_reduction: f64,
     /// Weighted correlation of the particle's image with the light of the residual, see [`Agreement`].
     pub(super) correlation: f64,
+    /// What is left of chi^2, per pixel.
+    pub(super) misfit: f64,
     /// Standard deviations of x, y (px) and z (um) due to noise, from the joint fit.
     pub(super) deviations: Option<[f64; 3]>,
     /// Diameter, um, if it is fitted.
@@ -79,6 +83,11 @@ impl Agreement {
         self.both * self.both / self.own
     }
 
+    /// What the image leaves of chi^2, per pixel.
+    pub(super) fn misfit(&self) -> f64 {
+        (self.seen - self.chi2_reduction()) / self.pixels as f64
+    }
+
     /// Weighted correlation of the image with the light in the data. Faint images extend over many pixels
     /// whose counts are mostly noise, which is not light: it adds one per pixel to the squares of the data.
     pub(super) fn correlation(&self) -> f64 {
@@ -121,9 +130,11 @@ impl ParticleFit {
             at,
             z_um,
             other_z_um: None,
+            other: None,
             amplitude: 0.0,
             chi2_reduction: 0.0,
             correlation: 0.0,
+            misfit: 1.0,
             deviations: None,
             d_um: None,
         };

@@ -9,7 +9,7 @@ use super::cpu_time::Consumer;
 use super::gray_image::GrayImage;
 use super::output::{DisplacementVector, Output, Row};
 use super::recording::Recording;
-use super::{Localization, TrackOptions, link};
+use super::{Localization, TrackOptions, link, sides};
 use generator::runner::DatasetPlace;
 use storage::error::Result;
 
@@ -111,7 +111,15 @@ impl<'a> Job<'a> {
         let found = self.timed(&frames, |k| Ok(find(&self.recording.frame(k)?)))?;
         let range =
             link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
-        let rows = link::link(&found, range, self.recording.pairs());
+        let mut rows = link::link(&found, range, self.recording.pairs());
+        sides::choose(&mut rows, range.um.map_or(f64::INFINITY, |depth_h_um| depth_h_um / 3.0));
+        let unsure = rows.iter().filter(|row| row.found.other.is_some()).count();
+        if unsure > 0 {
+            self.note(format!(
+                "{unsure} of {} particles may be on the other side of the focus as well (`other_z_um`, `other_likelihood`)",
+                rows.len()
+            ));
+        }
         self.warn_of_streaks();
         self.recording.hopeless().iter().for_each(|why| self.warn(why));
         if rows.is_empty() {

@@ -8,11 +8,13 @@
 use microsig_core::cancel::checkpoint;
 use microsig_core::linear::Symmetric;
 
+use super::OtherSide;
 use super::acceptance::{Verdict, verdict};
 use super::denoise::PixelNoise;
 use super::fit::{Agreement, ParticleFit};
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
+use super::search::OTHER_SIDE;
 
 /// Number of rounds over all groups.
 const ROUNDS: usize = 3;
@@ -28,6 +30,9 @@ const MAX_ITERATIONS: usize = 12;
 
 /// Convergence: reduction of chi^2 in one iteration.
 const CONVERGED: f64 = 1e-3;
+
+/// By how much, in -2 ln of the likelihood, one point may decide on which side of the focus its track is.
+const MOST_BY_A_POINT: f64 = 30.0;
 
 /// Fits are not determined if a parameter depends on the others to within this.
 const SINGULAR: f64 = 1e-10;
@@ -154,17 +159,22 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Moves a particle to the depth on the other side of the focus if it fits better there.
+    /// Fits a particle on both sides of the focus and keeps the better fit, with the other one.
     fn compare_sides(&mut self, particle: &mut ParticleFit) {
         let Some(z_um) = particle.other_z_um.take() else { return };
         self.add(&self.model.patch(particle), particle.amplitude);
-        for start in [*particle, ParticleFit { z_um, ..*particle }] {
-            for fitted in Region::new(self, self.model, &[start]).fitted(vec![start]) {
-                if fitted.chi2_reduction > particle.chi2_reduction {
-                    *particle = fitted;
-                }
-            }
-        }
+        let fitted = |start: ParticleFit| Region::new(self, self.model, &[start]).fitted(vec![start])[0];
+        let mut sides = [*particle, ParticleFit { z_um, ..*particle }].map(fitted);
+        sides.sort_by(|a, b| b.chi2_reduction.total_cmp(&a.chi2_reduction));
+        let [best, worse] = sides;
+        let ParticleFit { at, z_um, deviations, .. } = worse;
+        let is_apart = (z_um - best.z_um).abs() > OTHER_SIDE * self.model.step_um;
+        // Errors of the images leave more than noise, and may favor the wrong side by far.
+        let cost = (best.chi2_reduction - worse.chi2_reduction) / best.misfit.max(1.0);
+        let cost = cost.min(MOST_BY_A_POINT);
+        let other = OtherSide { at, z_um, deviations, cost };
+        let other = Some(other).filter(|_| is_apart && verdict(&worse) == Verdict::Particle);
+        *particle = ParticleFit { other, ..best };
         self.add(&self.model.patch(particle), -particle.amplitude);
     }
 
@@ -417,13 +427,13 @@ impl<'a> Region<'a> {
             for (i, [t, ..]) in patch.pixels(self.size) {
                 agreement.add(self.weight[i], state.residual[i] + particle.amplitude as f32 * t, t);
             }
-            let (chi2_reduction, correlation) = if agreement.is_positive() {
-                (agreement.chi2_reduction(), agreement.correlation())
+            let (chi2_reduction, correlation, misfit) = if agreement.is_positive() {
+                (agreement.chi2_reduction(), agreement.correlation(), agreement.misfit())
             } else {
-                (0.0, 0.0)
+                (0.0, 0.0, 1.0)
             };
             let deviations = variances.as_ref().map(|all| [1, 2, 3].map(|k| all[4 * i + k].sqrt()));
-            ParticleFit { chi2_reduction, correlation, deviations, ..*particle }
+            ParticleFit { chi2_reduction, correlation, misfit, deviations, ..*particle }
         };
         state.patches.iter().zip(&state.particles).enumerate().map(judge).collect()
     }

@@ -234,7 +234,7 @@ pub struct Tracked {
 }
 
 /// A particle found in a frame, in pixels of the dataset (the center of the first pixel is 1).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Localization {
     x_px: f64,
     y_px: f64,
@@ -246,6 +246,42 @@ struct Localization {
     d_um: Option<f64>,
     /// `None` for methods that measure positions only.
     shape: Option<ShapeEstimate>,
+    other: Option<OtherSide>,
+}
+
+/// Where a particle may be instead: another fit, on the other side of the focus.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct OtherSide {
+    at: [f64; 2],
+    z_um: f64,
+    deviations: Option<[f64; 3]>,
+    /// -2 ln of its likelihood relative to the first fit.
+    cost: f64,
+}
+
+impl OtherSide {
+    fn likelihood(&self) -> f64 {
+        (-0.5 * self.cost).exp()
+    }
+}
+
+impl Localization {
+    /// The particle on the other side of the focus.
+    fn on_other_side(&self) -> Option<Self> {
+        let OtherSide { at: [x_px, y_px], z_um, deviations, cost } = self.other?;
+        let here = OtherSide {
+            at: [self.x_px, self.y_px],
+            z_um: self.z_um?,
+            deviations: self.deviations,
+            cost: -cost,
+        };
+        Some(Localization { x_px, y_px, z_um: Some(z_um), deviations, other: Some(here), ..*self })
+    }
+
+    /// The particle on this side of the focus, then on the other if it may be there.
+    fn sides(&self) -> impl Iterator<Item = Self> {
+        std::iter::once(*self).chain(self.on_other_side())
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]

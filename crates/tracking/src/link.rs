@@ -30,12 +30,39 @@ struct Track {
     velocity: Option<[f64; 3]>,
 }
 
+/// A possible link of a track.
+struct Step {
+    /// Squared distance from the expected position, px^2.
+    squared: f64,
+    /// The points that it connects, on those sides of the focus on which they are closest.
+    from: Localization,
+    to: Localization,
+}
+
 impl Track {
     fn expected(&self, frame: usize) -> [f64; 3] {
         let ahead = (frame - self.last_frame) as f64;
         let v = self.velocity.unwrap_or_default();
         let last = place(&self.last);
         std::array::from_fn(|i| last[i] + ahead * v[i])
+    }
+
+    fn step(&self, frame: usize, point: &Localization, um_per_px: f64) -> Step {
+        let mut best = Step { squared: f64::INFINITY, from: self.last, to: *point };
+        // On the other side of the focus, depth changes the other way.
+        for (from, sign) in self.last.sides().zip([1.0, -1.0]) {
+            let velocity = self.velocity.map(|[x, y, z]| [x, y, sign * z]);
+            let [x, y, z] = Track { last: from, velocity, ..*self }.expected(frame);
+            for to in point.sides() {
+                let at = place(&to);
+                let dz = (at[2] - z) / um_per_px;
+                let squared = (at[0] - x).powi(2) + (at[1] - y).powi(2) + dz * dz;
+                if squared < best.squared {
+                    best = Step { squared, from, to };
+                }
+            }
+        }
+        best
     }
 }
 
@@ -58,12 +85,10 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
         let mut candidates = Vec::new();
         let strips = Strips::new(found, reach.px);
         for (row, track) in tracks.iter().enumerate() {
-            let [x, y, z] = track.expected(frame);
+            let [x, y, _] = track.expected(frame);
             let first = candidates.len();
             for column in strips.near(x, y) {
-                let to = place(&found[column]);
-                let dz = (to[2] - z) / um_per_px;
-                let squared = (to[0] - x).powi(2) + (to[1] - y).powi(2) + dz * dz;
+                let squared = track.step(frame, &found[column], um_per_px).squared;
                 if squared < limit {
                     candidates.push(Pair {
                         row: row as u32,
@@ -82,10 +107,10 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
             let id = match track {
                 Some(k) => {
                     let track = &mut tracks[k];
-                    let (from, to) = (place(&track.last), place(point));
+                    let Step { from, to, .. } = track.step(frame, point, um_per_px);
                     let ahead = (frame - track.last_frame) as f64;
-                    track.velocity = Some(std::array::from_fn(|i| (to[i] - from[i]) / ahead));
-                    (track.last, track.last_frame) = (*point, frame);
+                    let moved: [f64; 3] = std::array::from_fn(|i| (place(&to)[i] - place(&from)[i]) / ahead);
+                    (track.velocity, track.last, track.last_frame) = (Some(moved), to, frame);
                     track.id
                 }
                 None => {
@@ -94,16 +119,7 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
                     next_id - 1
                 }
             };
-            rows.push(Row {
-                frame: frame as u32,
-                track: id,
-                x_px: point.x_px,
-                y_px: point.y_px,
-                z_um: point.z_um,
-                deviations: point.deviations,
-                d_um: point.d_um,
-                shape: point.shape,
-            });
+            rows.push(Row { frame: frame as u32, track: id, found: *point });
         }
     }
     rows
@@ -139,7 +155,7 @@ mod tests {
     use super::*;
 
     fn at(x_px: f64, y_px: f64) -> Localization {
-        Localization { x_px, y_px, z_um: None, deviations: None, d_um: None, shape: None }
+        Localization { x_px, y_px, ..Localization::default() }
     }
 
     const SEARCH_RANGE: SearchRange = SearchRange { px: 6.0, um: None };

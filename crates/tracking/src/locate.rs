@@ -2,7 +2,6 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use super::Localization;
 use super::acceptance::Rejections;
 use super::denoise::PixelNoise;
 use super::field_images::FieldPlaces;
@@ -17,6 +16,7 @@ use super::regions;
 use super::search::{COARSE, Search};
 use super::sides;
 use super::templates::Templates;
+use super::{Localization, OtherSide};
 use storage::error::Result;
 
 /// Maximum half width of a template in the search, px: images are binned for larger templates.
@@ -200,13 +200,20 @@ impl<I: ParticleImages> Locator<I> {
         let model = Model { images, ladder, noise, error: self.error, step_um: self.step_um };
         // Without particles beyond the image, whose light may reach it.
         let found = fit_all(image, level, &model, particles).into_iter().filter(|fit| image.contains(fit.at));
+        let reported = |deviations: Option<[f64; 3]>| deviations.filter(|_| self.has_deviations);
+        let other_side = |other: OtherSide| OtherSide {
+            at: other.at.map(|at| at + 1.0),
+            deviations: reported(other.deviations),
+            ..other
+        };
         let localization = |fit: ParticleFit| Localization {
             x_px: fit.at[0] + 1.0,
             y_px: fit.at[1] + 1.0,
             z_um: Some(fit.z_um),
-            deviations: fit.deviations.filter(|_| self.has_deviations),
+            deviations: reported(fit.deviations),
             d_um: fit.d_um.or_else(|| self.diameters_um.get(fit.size).copied()),
             shape: None,
+            other: fit.other.map(other_side),
         };
         (found.map(localization).collect(), rejections)
     }

@@ -2,7 +2,7 @@
 
 use storage::dataset::{Columns, Values};
 
-use super::{ShapeEstimate, ShapeUncertainty};
+use super::{Localization, ShapeEstimate, ShapeUncertainty};
 
 /// A particle of a result.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -10,14 +10,7 @@ pub(super) struct Row {
     pub(super) frame: u32,
     /// -1: not linked.
     pub(super) track: i64,
-    pub(super) x_px: f64,
-    pub(super) y_px: f64,
-    pub(super) z_um: Option<f64>,
-    /// Standard deviations of x, y (px) and z (um).
-    pub(super) deviations: Option<[f64; 3]>,
-    /// Diameter, um.
-    pub(super) d_um: Option<f64>,
-    pub(super) shape: Option<ShapeEstimate>,
+    pub(super) found: Localization,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,24 +49,30 @@ impl Output {
         let numbers = |name: &str, values: Vec<f64>| (name.to_owned(), Values::Numbers(values));
         let (pairs, vectors) = match self {
             Output::Points(points) => {
-                let of = |value: fn(&Row) -> f64| points.iter().map(value).collect();
+                let any = |has: fn(&Localization) -> bool| points.iter().any(|p| has(&p.found));
+                let of = |value: fn(&Localization) -> f64| points.iter().map(|p| value(&p.found)).collect();
                 let mut columns = vec![
                     whole("frame", points.iter().map(|p| i64::from(p.frame)).collect()),
                     whole("track", points.iter().map(|p| p.track).collect()),
                     numbers("x_px", of(|p| p.x_px)),
                     numbers("y_px", of(|p| p.y_px)),
                 ];
-                if points.is_empty() || points.iter().any(|p| p.z_um.is_some()) {
+                if points.is_empty() || any(|p| p.z_um.is_some()) {
                     columns.push(numbers("z_um", of(|p| p.z_um.unwrap_or(f64::NAN))));
                 }
-                if points.iter().any(|p| p.deviations.is_some()) {
+                if any(|p| p.deviations.is_some()) {
                     columns.extend(["sx_px", "sy_px", "sz_um"].iter().enumerate().map(|(axis, name)| {
-                        let values = points.iter().map(|p| p.deviations.map_or(f64::NAN, |sd| sd[axis]));
-                        numbers(name, values.collect())
+                        let deviation = |p: &Row| p.found.deviations.map_or(f64::NAN, |sd| sd[axis]);
+                        numbers(name, points.iter().map(deviation).collect())
                     }));
                 }
-                if points.iter().any(|p| p.d_um.is_some()) {
+                if any(|p| p.d_um.is_some()) {
                     columns.push(numbers("d_um", of(|p| p.d_um.unwrap_or(f64::NAN))));
+                }
+                if any(|p| p.other.is_some()) {
+                    columns.push(numbers("other_z_um", of(|p| p.other.map_or(f64::NAN, |other| other.z_um))));
+                    let likelihood = |p: &Localization| p.other.map_or(f64::NAN, |other| other.likelihood());
+                    columns.push(numbers("other_likelihood", of(likelihood)));
                 }
                 columns.extend(shapes(points));
                 return Columns(columns);
@@ -106,11 +105,12 @@ fn decimal(value: f32) -> f64 {
 
 /// The columns of shapes, if there are any; NaN where a particle has none.
 fn shapes(points: &[Row]) -> Vec<(String, Values)> {
-    let any =
-        |has: fn(&ShapeEstimate) -> bool| points.iter().any(|point| point.shape.as_ref().is_some_and(has));
+    let any = |has: fn(&ShapeEstimate) -> bool| {
+        points.iter().any(|point| point.found.shape.as_ref().is_some_and(has))
+    };
     let of = |name: &str, value: &dyn Fn(&ShapeEstimate) -> Option<f64>| {
-        let values = points.iter().map(|point| point.shape.as_ref().and_then(value).unwrap_or(f64::NAN));
-        (name.to_owned(), Values::Numbers(values.collect()))
+        let value = |point: &Row| point.found.shape.as_ref().and_then(value).unwrap_or(f64::NAN);
+        (name.to_owned(), Values::Numbers(points.iter().map(value).collect()))
     };
     let uncertain = |name: &str, value: &dyn Fn(&ShapeUncertainty) -> Option<f64>| {
         of(name, &|shape| shape.uncertainty.as_ref().and_then(value))

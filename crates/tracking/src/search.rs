@@ -32,7 +32,7 @@ const AS_GOOD: f64 = 0.97;
 /// A fit at another depth is compared again in the final fit if it achieves this fraction of the reduction of
 /// chi^2; and the least difference of these depths, in depth steps.
 const NEARLY_AS_GOOD: f64 = 0.9;
-const OTHER_SIDE: f64 = 3.0;
+pub(super) const OTHER_SIDE: f64 = 3.0;
 
 /// Maximum number of depths from which fits start.
 const STARTS: usize = 3;

@@ -42,7 +42,7 @@ const RENEWALS: usize = 3;
 const LARGEST: [f64; 7] = [0.5, 1.0, 1.0, 3.0, 0.35, 0.35, 0.25];
 
 /// A second axis is reported down to this likelihood relative to the first.
-const LEAST_LIKELIHOOD: f64 = 1e-3;
+pub(super) const LEAST_LIKELIHOOD: f64 = 1e-3;
 
 /// A spheroid.
 #[derive(Debug, Clone, Copy)]

@@ -5,7 +5,11 @@
 //! `d^2` is the sum of squared differences in standard deviations of the noise (the ideal observer of two known
 //! signals, e.g. Barrett & Myers 2004, Foundations of Image Science, ch. 13).
 
+use std::collections::BTreeMap;
+
 use super::denoise::PixelNoise;
+use super::output::Row;
+use super::shape_fit::LEAST_LIKELIHOOD;
 use super::templates::Templates;
 
 /// Below this distance, more than one depth in ten is on the wrong side.
@@ -71,9 +75,60 @@ fn other_side(distances: &[f64], k: usize) -> bool {
     beyond(&distances[k..], |i, _| i) || beyond(&distances[..k], |i, n| n - 1 - i)
 }
 
+/// Added to -2 ln of the likelihood of a track for each jump in depth.
+const JUMP: f64 = 1e9;
+
+/// Decides on which side of the focus each point is with the rest of its track: of all ways through the points of a track
+/// on either side, those with the fewest jumps by more than `reach_um` in depth, and of those the most likely. The other
+/// side then has the likelihood of the best way through it, and is left out if that is small.
+pub(super) fn choose(rows: &mut [Row], reach_um: f64) {
+    let mut tracks: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
+    rows.iter().enumerate().for_each(|(k, row)| tracks.entry(row.track).or_default().push(k));
+    for track in tracks.into_values() {
+        let points: Vec<_> = track.iter().map(|k| depths_and_costs(&rows[*k])).collect();
+        let forward = costs(points.iter(), reach_um);
+        let backward = costs(points.iter().rev(), reach_um).into_iter().rev();
+        for (((k, own), before), after) in track.into_iter().zip(&points).zip(forward).zip(backward) {
+            let found = &mut rows[k].found;
+            let Some(mut other) = found.other else { continue };
+            let through = [0, 1].map(|side| before[side] + after[side] - own[side].1);
+            other.cost = through[1] - through[0];
+            found.other = Some(other);
+            if other.cost < 0.0
+                && let Some(there) = found.on_other_side()
+            {
+                *found = there;
+            }
+            found.other = found.other.filter(|other| other.likelihood() > LEAST_LIKELIHOOD);
+        }
+    }
+}
+
+/// Depth, and -2 ln of the likelihood, on this side of the focus and on the other.
+fn depths_and_costs(row: &Row) -> [(f64, f64); 2] {
+    let z_um = row.found.z_um.unwrap_or_default();
+    [(z_um, 0.0), row.found.other.map_or((z_um, f64::INFINITY), |other| (other.z_um, other.cost))]
+}
+
+/// The least cost of a way through all points up to each of them, which is on this side of the focus or on the other.
+fn costs<'a>(points: impl Iterator<Item = &'a [(f64, f64); 2]>, reach_um: f64) -> Vec<[f64; 2]> {
+    let mut before: Option<(&[(f64, f64); 2], [f64; 2])> = None;
+    let up_to = |point: &'a [(f64, f64); 2]| {
+        let cost = point.map(|(z_um, own)| {
+            let Some((from, costs)) = before else { return own };
+            let jump = |side: usize| if (from[side].0 - z_um).abs() > reach_um { JUMP } else { 0.0 };
+            own + f64::min(costs[0] + jump(0), costs[1] + jump(1))
+        });
+        before = Some((point, cost));
+        cost
+    };
+    points.map(up_to).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::gray_image::GrayImage;
+    use super::super::{Localization, OtherSide};
     use super::*;
 
     /// Spots that grow on both sides of a focus, and on one side are rings with this share of their light.
@@ -88,6 +143,28 @@ mod tests {
         };
         let depths = (-10..=10).map(f64::from).collect();
         Templates::new(depths, (-10..=10).map(image).collect(), PixelNoise::new(4.0, 0.0))
+    }
+
+    /// A particle that sinks from 30 um to 10 um; one of its five points is more likely on the other side by itself.
+    #[test]
+    fn the_side_of_a_point_is_the_side_of_its_track() {
+        let point = |(frame, cost): (u32, f64)| {
+            let z_um = 30.0 - 5.0 * f64::from(frame);
+            let [z_um, other_z_um, cost] =
+                if cost < 0.0 { [-z_um, z_um, -cost] } else { [z_um, -z_um, cost] };
+            let other = Some(OtherSide { at: [1.0; 2], z_um: other_z_um, deviations: None, cost });
+            Row {
+                frame,
+                track: 0,
+                found: Localization { z_um: Some(z_um), other, ..Localization::default() },
+            }
+        };
+        let mut rows: Vec<Row> = (0..5).zip([2.0, 3.0, -1.0, 2.0, 3.0]).map(point).collect();
+        choose(&mut rows, 10.0);
+        let depths: Vec<f64> = rows.iter().filter_map(|row| row.found.z_um).collect();
+        assert_eq!(depths, [30.0, 25.0, 20.0, 15.0, 10.0]);
+        // All on the other side.
+        assert_eq!(rows[2].found.other.unwrap().cost, 2.0 + 3.0 - 1.0 + 2.0 + 3.0);
     }
 
     #[test]

@@ -207,7 +207,7 @@ impl Spheroids {
             let aspect = self.reported(e_p, f64::NAN).map(|(aspect, _)| aspect);
             let shape = Some(ShapeEstimate { axis, aspect, uncertainty: None });
             let [x_px, y_px] = at.map(|at| at + 1.0);
-            Localization { x_px, y_px, z_um: Some(z_um), deviations: None, d_um: None, shape }
+            Localization { x_px, y_px, z_um: Some(z_um), shape, ..Localization::default() }
         };
         self.matched(frame).particles.into_iter().map(|(_, starts)| best_fit(starts)).collect()
     }
@@ -251,7 +251,8 @@ impl Spheroids {
             }),
         };
         let ([x_px, y_px], deviations) = (at.map(|at| at + 1.0), Some([x, y, z]));
-        Some(Localization { x_px, y_px, z_um: Some(z_um), deviations, d_um: None, shape: Some(shape) })
+        let (z_um, shape) = (Some(z_um), Some(shape));
+        Some(Localization { x_px, y_px, z_um, deviations, shape, ..Localization::default() })
     }
 }
 

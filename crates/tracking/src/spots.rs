@@ -85,10 +85,7 @@ impl LogDetector {
                 found.push(Localization {
                     x_px: x as f64 + 1.0 + f64::from(dx),
                     y_px: y as f64 + 1.0 + f64::from(dy),
-                    z_um: None,
-                    deviations: None,
-                    d_um: None,
-                    shape: None,
+                    ..Localization::default()
                 });
             }
         }
