@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use scoring::evaluate::assignment::{Pair, max_weight_matching};
+use numeric::assignment::{Pair, max_weight_matching};
 use scoring::evaluate::candidates::Candidates;
 use scoring::evaluate::clear::Clear;
 use scoring::evaluate::ctc::Ctc;

@@ -5,9 +5,11 @@
 //! (Jaqaman et al. 2008, Nat. Methods 5, 695). A track with at least two points is extrapolated at constant
 //! velocity; a track may be missing in one frame.
 
+use numeric::assignment::{Pair, max_weight_matching};
+use numeric::cell_grid::CellGrid;
+
 use super::Localization;
 use super::output::Row;
-use scoring::evaluate::assignment::{Pair, max_weight_matching};
 
 /// Maximum distance of a particle from its predicted position.
 #[derive(Debug, Clone, Copy)]
@@ -83,20 +85,18 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
         }
         tracks.retain(|t| frame - t.last_frame <= GAP + 1);
         let mut candidates = Vec::new();
-        let strips = Strips::new(found, reach.px);
+        let places: Vec<[f64; 2]> = found.iter().map(|point| [point.x_px, point.y_px]).collect();
+        // Wider than the range by more than rounding.
+        let grid = CellGrid::new(&places, reach.px * (1.0 + 1e-9));
         for (row, track) in tracks.iter().enumerate() {
             let [x, y, _] = track.expected(frame);
             let first = candidates.len();
-            for column in strips.near(x, y) {
-                let squared = track.step(frame, &found[column], um_per_px).squared;
+            grid.around([x, y], |column| {
+                let squared = track.step(frame, &found[column as usize], um_per_px).squared;
                 if squared < limit {
-                    candidates.push(Pair {
-                        row: row as u32,
-                        column: column as u32,
-                        value: 2.0 * limit - squared,
-                    });
+                    candidates.push(Pair { row: row as u32, column, value: 2.0 * limit - squared });
                 }
-            }
+            });
             candidates[first..].sort_unstable_by_key(|p| p.column);
         }
         let mut found_track: Vec<Option<usize>> = vec![None; found.len()];
@@ -123,31 +123,6 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
         }
     }
     rows
-}
-
-/// Points by strips of the width of the reach and, in each, by y.
-struct Strips {
-    order: Vec<(i64, f64, usize)>,
-    reach: f64,
-}
-
-impl Strips {
-    fn new(found: &[Localization], reach: f64) -> Self {
-        let strip = |(i, f): (usize, &Localization)| ((f.x_px / reach).floor() as i64, f.y_px, i);
-        let mut order: Vec<(i64, f64, usize)> = found.iter().enumerate().map(strip).collect();
-        order.sort_unstable_by(|a, b| (a.0.cmp(&b.0)).then(a.1.total_cmp(&b.1)));
-        Strips { order, reach }
-    }
-
-    /// Indices of the points within reach of a place, and of some more.
-    fn near(&self, x: f64, y: f64) -> impl Iterator<Item = usize> + '_ {
-        let strip = (x / self.reach).floor() as i64;
-        (strip - 1..=strip + 1).flat_map(move |strip| {
-            let first = self.order.partition_point(|p| (p.0, p.1) < (strip, y - self.reach));
-            let rest = self.order[first..].iter();
-            rest.take_while(move |p| p.0 == strip && p.1 <= y + self.reach).map(|p| p.2)
-        })
-    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 
 use std::sync::OnceLock;
 
-use fourier::{Complex32, Direction, ImageFft, fast_length};
+use numeric::fourier::{Complex32, Direction, ImageFft, fast_length};
 
 use super::fit::Residual;
 use super::templates::{Template, Templates};

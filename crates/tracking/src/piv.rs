@@ -8,8 +8,8 @@
 
 use std::borrow::Cow;
 
-use fourier::{Complex32, Direction, ImageFft};
 use microsig_core::cancel::checkpoint;
+use numeric::fourier::{Complex32, Direction, ImageFft};
 use rayon::prelude::*;
 
 use super::Method;

@@ -5,12 +5,12 @@
 //! track than the last one is an identity switch. MOTA = 1 - (misses + ghosts + switches) / true points; MOTP
 //! = mean distance of matched pairs, a length.
 
-use super::assignment::{Pair, max_cardinality_min_cost};
 use super::candidates::{CandidatePair, Candidates};
 use super::matching::NONE;
 use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
 use super::units::Units;
+use numeric::assignment::{Pair, max_cardinality_min_cost};
 
 scores! {
     /// CLEAR MOT (Bernardin and Stiefelhagen, EURASIP J. Image Video Process., 2008), as motmetrics 1.4 computes

@@ -1,10 +1,11 @@
 //! Recall and errors as functions of depth, distance to the nearest neighbor, SNR and overlap.
 
+use numeric::cell_grid::CellGrid;
+
 use super::detection::error;
 use super::matching::{Matching, NONE};
-use super::neighbors::CellGrid;
 use super::statistics::{Errors, ratio};
-use super::track_set::TrackSet;
+use super::track_set::{Point, TrackSet};
 use super::truth::TrueParticles;
 
 scores! {
@@ -99,9 +100,9 @@ pub fn curves(
 fn neighbors(cloud: &TrackSet) -> Vec<f64> {
     let mut distances = Vec::with_capacity(cloud.len());
     for (_, range) in &cloud.frames {
-        let points = &cloud.points[range.clone()];
+        let points: Vec<[f64; 2]> = cloud.points[range.clone()].iter().map(Point::in_plane).collect();
         // Small radii first: in dense frames a search with the full radius would visit every point.
-        let grids = [4.0, 16.0, FARTHEST_PX].map(|reach| (reach, CellGrid::new(points, reach)));
+        let grids = [4.0, 16.0, FARTHEST_PX].map(|reach| (reach, CellGrid::new(&points, reach)));
         for i in 0..points.len() {
             let found = grids.iter().find_map(|(reach, grid)| grid.nearest_other(i, *reach));
             distances.push(found.unwrap_or(f64::INFINITY));

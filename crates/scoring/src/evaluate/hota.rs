@@ -5,11 +5,11 @@
 //! matching maximizes sum A S, where A is the agreement of two tracks over all frames; at each threshold a =
 //! 0.05, 0.10, ..., 0.95 the pairs with S >= a count as matches. HOTA = mean over a of sqrt(DetA AssA).
 
-use super::assignment::{Pair, max_weight_matching};
 use super::candidates::{CandidatePair, Candidates};
 use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
 use super::units::Units;
+use numeric::assignment::{Pair, max_weight_matching};
 
 scores! {
     /// Higher order tracking accuracy (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it; values are

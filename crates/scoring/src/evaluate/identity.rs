@@ -4,11 +4,11 @@
 //! IDTP is the maximum number of frames, over all one-to-one pairings of tracks, in which paired tracks are
 //! within the gate.
 
-use super::assignment::{Pair, max_weight_matching};
 use super::candidates::Candidates;
 use super::statistics::{Interval, ratio};
 use super::track_set::TrackSet;
 use super::units::Units;
+use numeric::assignment::{Pair, max_weight_matching};
 
 scores! {
     /// Identity scores (Ristani et al., ECCV workshops, 2016): the best one-to-one pairing of whole tracks.

@@ -10,13 +10,13 @@
 //! (tests/suite/scoring.rs), except that its RMSE is 0 without a match and its alpha NaN without truth; here
 //! both are null.
 
-use super::assignment::{Pair, max_weight_matching};
 use super::gate::Gate;
 use super::matching::check_pair_count;
 use super::neighbors::neighbor_pairs;
 use super::statistics::{Interval, ratio};
 use super::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
 use super::units::Units;
+use numeric::assignment::{Pair, max_weight_matching};
 use storage::error::Result;
 
 scores! {

@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::assignment::{Pair, max_cardinality_min_cost};
 use super::gate::Gate;
 use super::neighbors::{MAX_PAIRS, neighbor_pairs};
 use super::track_set::{TrackSet, side_by_side};
+use numeric::assignment::{Pair, max_cardinality_min_cost};
 use storage::error::{Error, Result};
 
 /// Marks a point without a match.

@@ -44,7 +44,6 @@ macro_rules! scores {
     };
 }
 
-pub mod assignment;
 pub mod boxes;
 pub mod candidates;
 pub mod clear;

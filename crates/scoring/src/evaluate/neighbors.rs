@@ -1,5 +1,7 @@
 //! Pairs of nearby true and result points of one frame, found with a cell grid.
 
+use numeric::cell_grid::CellGrid;
+
 use super::gate::Gate;
 use super::track_set::Point;
 
@@ -14,99 +16,6 @@ pub struct NeighborPair {
     pub squared: f64,
 }
 
-/// A grid of cells over the bounding box of points; cells are at least as wide as the search radius.
-#[derive(Debug)]
-pub struct CellGrid<'a> {
-    points: &'a [Point],
-    x0: f64,
-    y0: f64,
-    cell: f64,
-    columns: usize,
-    rows: usize,
-    order: Vec<u32>,
-    starts: Vec<u32>,
-}
-
-impl<'a> CellGrid<'a> {
-    /// A grid for searches within a radius of `reach`, px.
-    pub fn new(points: &'a [Point], reach: f64) -> Self {
-        let bounds = |value: fn(&Point) -> f64| {
-            points.iter().map(value).fold((f64::INFINITY, f64::NEG_INFINITY), |b, v| (b.0.min(v), b.1.max(v)))
-        };
-        let ((x0, x1), (y0, y1)) = (bounds(|p| p.at.x_px), bounds(|p| p.at.y_px));
-        let (mut cell, mut columns, mut rows) = (reach, 1, 1);
-        if !points.is_empty() {
-            // At most about four cells per point, so that a few points far apart do not need much memory.
-            let size = |cell: f64| (((x1 - x0) / cell).floor() + 1.0, ((y1 - y0) / cell).floor() + 1.0);
-            while size(cell).0 * size(cell).1 > 4.0 * points.len() as f64 + 16.0 {
-                cell *= 2.0;
-            }
-            (columns, rows) = (size(cell).0 as usize, size(cell).1 as usize);
-        }
-        let mut grid =
-            CellGrid { points, x0, y0, cell, columns, rows, order: Vec::new(), starts: Vec::new() };
-        grid.starts = vec![0u32; columns * rows + 1];
-        let cells: Vec<u32> = points.iter().map(|p| grid.cell_of(p) as u32).collect();
-        cells.iter().for_each(|&c| grid.starts[c as usize + 1] += 1);
-        for i in 0..columns * rows {
-            grid.starts[i + 1] += grid.starts[i];
-        }
-        grid.order = vec![0; points.len()];
-        let mut next = grid.starts.clone();
-        for (i, &c) in cells.iter().enumerate() {
-            grid.order[next[c as usize] as usize] = i as u32;
-            next[c as usize] += 1;
-        }
-        grid
-    }
-
-    fn cell_of(&self, p: &Point) -> usize {
-        let side = |v: f64, v0: f64, n: usize| (((v - v0) / self.cell) as usize).min(n - 1);
-        side(p.at.y_px, self.y0, self.rows) * self.columns + side(p.at.x_px, self.x0, self.columns)
-    }
-
-    /// Calls `found` with the index of every point in the cells around `p`: at least all points within the
-    /// reach.
-    pub fn around(&self, p: &Point, mut found: impl FnMut(u32)) {
-        let side = |v: f64, v0: f64, n: usize| {
-            let at = (v - v0) / self.cell;
-            // Positions just outside the grid may be within reach of its border cells.
-            (at > -1.000_001 && at < n as f64 + 1.000_001).then(|| {
-                let at = at.floor();
-                ((at - 1.0).max(0.0) as usize, ((at + 1.0).max(0.0) as usize).min(n - 1))
-            })
-        };
-        let (Some((c0, c1)), Some((r0, r1))) =
-            (side(p.at.x_px, self.x0, self.columns), side(p.at.y_px, self.y0, self.rows))
-        else {
-            return;
-        };
-        for row in r0..=r1 {
-            if c0 <= c1 {
-                let (from, to) = (row * self.columns + c0, row * self.columns + c1 + 1);
-                self.order[self.starts[from] as usize..self.starts[to] as usize]
-                    .iter()
-                    .for_each(|&i| found(i));
-            }
-        }
-    }
-
-    /// Distance in the image plane to the nearest other point, px; `None` if none is within the reach.
-    pub fn nearest_other(&self, index: usize, reach: f64) -> Option<f64> {
-        let p = &self.points[index];
-        let mut best = reach * reach;
-        let mut any = false;
-        self.around(p, |i| {
-            let q = &self.points[i as usize];
-            let squared = (q.at.x_px - p.at.x_px).powi(2) + (q.at.y_px - p.at.y_px).powi(2);
-            if i as usize != index && squared <= best {
-                (best, any) = (squared, true);
-            }
-        });
-        any.then(|| best.sqrt())
-    }
-}
-
 /// Maximum number of pairs per frame; a search that exceeds it stops, and the caller must report an error.
 pub const MAX_PAIRS: usize = 20_000_000;
 
@@ -117,10 +26,11 @@ pub fn neighbor_pairs(truth: &[Point], result: &[Point], gate: &Gate, reach: f64
     if truth.is_empty() || result.is_empty() {
         return pairs;
     }
-    let grid = CellGrid::new(result, gate.xy_px * reach * (1.0 + 1e-9));
+    let places: Vec<[f64; 2]> = result.iter().map(Point::in_plane).collect();
+    let grid = CellGrid::new(&places, gate.xy_px * reach * (1.0 + 1e-9));
     for (t, p) in truth.iter().enumerate() {
         let first = pairs.len();
-        grid.around(p, |r| {
+        grid.around(p.in_plane(), |r| {
             let squared = gate.squared(&p.at, &result[r as usize].at);
             let inside = if reach == 1.0 { gate.admits(squared) } else { squared < reach * reach };
             if inside {

@@ -35,6 +35,13 @@ pub struct Point {
     pub at: Position,
 }
 
+impl Point {
+    /// Position in the image plane, px.
+    pub fn in_plane(&self) -> [f64; 2] {
+        [self.at.x_px, self.at.y_px]
+    }
+}
+
 /// Points of all frames and their tracks.
 #[derive(Debug, Clone, Default)]
 pub struct TrackSet {

@@ -15,6 +15,7 @@
 //! F1 if its chance of a match exceeds F1 / 2, so that a poor result would gain by several answers around each
 //! particle, with gates that touch.
 
+use numeric::cell_grid::CellGrid;
 use serde::{Deserialize, Serialize};
 
 use super::candidates::Candidates;
@@ -22,9 +23,8 @@ use super::detection::error;
 use super::hota;
 use super::matching::{Matching, NONE};
 use super::motion::TrackComparison;
-use super::neighbors::CellGrid;
 use super::statistics::{BLOCKS, Interval, add, intervals};
-use super::track_set::{Point, Position, TrackSet};
+use super::track_set::{Position, TrackSet};
 
 /// Squared error of a particle that is missed.
 pub(crate) const MISSED: f32 = -1.0;
@@ -273,13 +273,14 @@ impl Divided<'_> {
         let ((t, r), reach_px) = (self.clouds, self.candidates.gate.xy_px);
         for (_, truths, results, _) in &self.candidates.frames {
             let is_ghost = |j: &usize| self.matching.truth_for[*j] == NONE;
-            let ghosts: Vec<Point> = results.clone().filter(is_ghost).map(|j| r.points[j]).collect();
+            let ghosts: Vec<[f64; 2]> =
+                results.clone().filter(is_ghost).map(|j| r.points[j].in_plane()).collect();
             let grid = CellGrid::new(&ghosts, reach_px);
             for i in truths.clone() {
-                let at = &t.points[i].at;
-                grid.around(&t.points[i], |k| {
-                    let other = &ghosts[k as usize].at;
-                    marked[i] |= (other.x_px - at.x_px).hypot(other.y_px - at.y_px) < reach_px;
+                let [x, y] = t.points[i].in_plane();
+                grid.around([x, y], |k| {
+                    let [u, v] = ghosts[k as usize];
+                    marked[i] |= (u - x).hypot(v - y) < reach_px;
                 });
             }
         }

@@ -6,7 +6,7 @@
 //! averaged over lines. The amplitude response is Re sum F_found conj F_true / sum |F_true|^2: 1 where the
 //! field is resolved, 0 where it is not.
 
-use fourier::{Complex64, LineFft};
+use numeric::fourier::{Complex64, LineFft};
 
 use super::vectors::{ComparedVector, VectorGrid};
 
