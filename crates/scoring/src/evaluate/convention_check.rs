@@ -9,7 +9,7 @@ use super::gate::Gate;
 use super::hint::Hint;
 use super::matching::{Cost, optimal};
 use super::neighbors::neighbor_pairs;
-use super::statistics::quantile;
+use super::statistics::median;
 use super::track_set::side_by_side;
 use super::truth::{Region, ScoredPoints, TrueParticles};
 use crate::results::{Conventions, Converter, LengthUnit, Origin, PARTICLES, Points, Position, TrackRow};
@@ -527,14 +527,9 @@ impl<'a> ConventionCheck<'a> {
     }
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    quantile(&values, 0.5)
-}
-
 /// Median of y - a x.
 fn median_offset(pairs: &[[f64; 2]], a: f64) -> f64 {
-    median(pairs.iter().map(|[x, y]| y - a * x).collect()).unwrap_or(0.0)
+    median(pairs.iter().map(|[x, y]| y - a * x)).unwrap_or(0.0)
 }
 
 /// Slope and offset of y against x by a Theil-Sen estimator (median of slopes between distant points, then
@@ -544,7 +539,7 @@ fn robust_line(pairs: &[[f64; 2]]) -> Option<(f64, f64)> {
     sorted.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let half = sorted.len() / 2;
     let slopes = sorted.iter().zip(&sorted[half..]).filter(|(p, q)| q[0] > p[0]);
-    let a = median(slopes.map(|(p, q)| (q[1] - p[1]) / (q[0] - p[0])).collect())?;
+    let a = median(slopes.map(|(p, q)| (q[1] - p[1]) / (q[0] - p[0])))?;
     a.is_finite().then(|| (a, median_offset(pairs, a)))
 }
 

@@ -12,10 +12,9 @@
 //! particle images they are integrals over pixels, independent of z. Overlap, image edges and the dependence
 //! of v on theta are neglected.
 
-use microsig_core::emission::SpheroidLaw;
 use microsig_core::linear::Symmetric;
 use microsig_core::render::{
-    Context, ExpectedPatch, Gradient, RenderMethod, Renderer, RendererSpec, ShapeGradient, Window,
+    Context, ExpectedPatch, Gradient, Renderer, RendererSpec, ShapeGradient, Window,
 };
 use microsig_core::sensor::{PixelMaps, Response};
 use microsig_core::{Particle, Settings, Spheroid};
@@ -24,7 +23,7 @@ use serde::Serialize;
 
 use super::curves::{Bin, Curve};
 use super::detection::Detection;
-use super::statistics::quantile;
+use super::statistics::median;
 use scenario::{Scenario, spec};
 use storage::dataset::manifest::ScoringGates;
 use storage::error::Result;
@@ -98,7 +97,9 @@ pub fn from_scenario(
     if scenario.settings.gain == 0.0 {
         return Ok(Err("images of gain 0 are empty"));
     }
-    let [Some(d_um), Some(c_int)] = [0, 1].map(|k| median(sizes.iter().map(|size| size[k]))) else {
+    let known = |v: &f64| v.is_finite() && *v > 0.0;
+    let [Some(d_um), Some(c_int)] = [0, 1].map(|k| median(sizes.iter().map(|size| size[k])).filter(known))
+    else {
         return Ok(Err("there are no particles with a diameter"));
     };
     let noise = Noise::of(scenario, c_int)?;
@@ -348,9 +349,7 @@ impl Crlb {
         let sample: Vec<_> = spheroids.iter().step_by(spheroids.len().div_ceil(SAMPLE).max(1)).collect();
         let of = |(z_um, spheroid): &&(f64, Spheroid)| bounds.at(*z_um, *spheroid);
         let found = sample.par_iter().map(of).collect::<Result<Vec<_>>>()?;
-        let mut angles: Vec<f64> = found.into_iter().flatten().map(|bound| bound.axis_deg).collect();
-        angles.sort_unstable_by(f64::total_cmp);
-        let crlb_axis_deg = quantile(&angles, 0.5);
+        let crlb_axis_deg = median(found.into_iter().flatten().map(|bound| bound.axis_deg));
         let found = median_deg.filter(|median| *median > 0.0);
         let efficiency_axis =
             crlb_axis_deg.zip(found).map(|(bound, median)| bound / (RMS_OF_MEDIAN * median));
@@ -491,13 +490,6 @@ fn whole(detection: &Detection, (from, to): (f64, f64)) -> Bin {
     Bin { from, to, rms_x_px: detection.rmse_x_px, rms_y_px: detection.rmse_y_px, ..Bin::default() }
 }
 
-/// The median of numbers > 0; `None` if it is unknown.
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_unstable_by(f64::total_cmp);
-    quantile(&values, 0.5).filter(|v| v.is_finite() && *v > 0.0)
-}
-
 /// Sub-pixel positions along each axis over which the bound is averaged: for small spots it depends on them.
 const PLACES: usize = 8;
 
@@ -537,15 +529,6 @@ fn spot_bound(spot: spec::Gaussian, noise: &[Noise], d_um: f64) -> Option<[f64; 
     Some(squares.map(|s| (s / (PLACES * PLACES) as f64).sqrt()))
 }
 
-/// The bound for a sphere at depth `z_um` (as in MicroSIG's data files), centered on a sufficiently large
-/// sensor: sigma of x, y (px), z (um). `None` if the Fisher information is singular.
-pub fn from_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
-    let rays = RenderMethod::Rays { spheroids: SpheroidLaw::Original }.into();
-    let renderer = renderer_of(rays, settings, &Context::default())?;
-    let image = image(&renderer, d_um, z_um)?;
-    Ok(image.and_then(|image| bound(&image, &[Noise::from_rays(settings)])))
-}
-
 /// Camera response: a pixel with `n` rays has `slope n` counts above the background, with variance
 /// `background + of_light n`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -559,12 +542,6 @@ struct Noise {
 const ROUNDING: f64 = 1.0 / 12.0;
 
 impl Noise {
-    /// MicroSIG's own sensor model.
-    fn from_rays(settings: &Settings) -> Self {
-        let (slope, noise) = (settings.gain, settings.background_noise);
-        Noise { slope, background: noise * noise + ROUNDING, of_light: slope * slope }
-    }
-
     /// A scenario's sensor for particles of brightness `c_int` at the image center: of pixels that represent
     /// its maps, if it has any; other variation between pixels is neglected, and a background image is
     /// replaced by its mean.

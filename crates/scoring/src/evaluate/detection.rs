@@ -1,7 +1,7 @@
 //! Detection and localization scores (docs/scoring.md).
 
 use super::matching::{Matching, NONE};
-use super::statistics::{Errors, Interval, quantile, ratio};
+use super::statistics::{Errors, Interval, quantile, ratio, sorted};
 use super::track_set::TrackSet;
 use super::units::{Matched, Units};
 
@@ -165,8 +165,7 @@ impl Detection {
         let errors: Vec<[f64; 3]> = pairs.iter().map(|&p| error(truth, result, p)).collect();
         let axis = |k: usize| Errors::of(errors.iter().map(move |e| e[k]));
         let (x, y, z) = (axis(0), axis(1), if depth { axis(2) } else { Errors::default() });
-        let mut distances: Vec<f64> = errors.iter().map(|e| (e[0] * e[0] + e[1] * e[1]).sqrt()).collect();
-        distances.sort_unstable_by(f64::total_cmp);
+        let distances = sorted(errors.iter().map(|e| (e[0] * e[0] + e[1] * e[1]).sqrt()));
 
         let sums = units.sums(units.matched(matching).map(|(unit, point)| {
             let sums = match point {

@@ -6,7 +6,7 @@
 
 use super::matching::{Matching, NONE};
 use super::motion::{Motion, TrackComparison};
-use super::statistics::{Interval, quantile, ratio};
+use super::statistics::{Interval, median, ratio};
 use super::track_set::TrackSet;
 use super::truth::TrueParticles;
 use super::units::{Matched, Units};
@@ -178,7 +178,6 @@ impl Lpt {
         self.strict = ratio(strict, m);
         self.truths_per_result = ratio(truths, of_any);
         self.mean_length = ratio(lengths.iter().sum(), m);
-        lengths.sort_unstable_by(f64::total_cmp);
-        self.median_length = quantile(&lengths, 0.5);
+        self.median_length = median(lengths.into_iter());
     }
 }

@@ -4,7 +4,7 @@
 //! the mean of the polar angle over a hemisphere.
 
 use super::matching::{Matching, NONE};
-use super::statistics::{Interval, quantile, ratio};
+use super::statistics::{Interval, quantile, ratio, sorted};
 use super::track_set::TrackSet;
 use super::units::{Matched, Units};
 
@@ -105,13 +105,12 @@ impl Orientation {
         let all = |s: &[f64; 6]| ratio(s[5], s[4]);
         let [interval_mean_deg, interval_mean_all_deg] = units.intervals(&sums, |s| [mean(s), all(s)]);
         let total = sums.iter().fold([0.0; 6], |t: [f64; 6], u| std::array::from_fn(|k| t[k] + u[k]));
-        let mut sorted: Vec<f64> = spheroids.clone().filter_map(|i| angles[i]).collect();
-        sorted.sort_unstable_by(f64::total_cmp);
+        let found = sorted(spheroids.clone().filter_map(|i| angles[i]));
         let score = (total[0] > 0.0).then(|| Orientation {
             n_true: total[0] as usize,
-            n: sorted.len(),
+            n: found.len(),
             mean_deg: mean(&total),
-            median_deg: quantile(&sorted, 0.5),
+            median_deg: quantile(&found, 0.5),
             rms_deg: ratio(total[3], total[1]).map(f64::sqrt),
             mean_all_deg: all(&total),
             guess_deg: ratio(spheroids.filter_map(|i| angle_deg(axis(i), guess)).sum(), total[0]),

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::EvaluateOptions;
-use super::statistics::{Errors, quantile, ratio};
+use super::statistics::{Errors, distinct, median, quantile, ratio, sorted};
 use crate::results::Points;
 use storage::dataset::manifest::ScoringGates;
 use storage::dataset::{PlaneRow, RecordingFacts};
@@ -139,8 +139,7 @@ impl PlaneScore {
         };
         let all: Vec<PlanePoint> = points.rows.iter().filter_map(point).collect();
         let whole = bin(&all, gate_z_um, (0.0, 0.0));
-        let mut away: Vec<f64> = all.iter().map(|point| point.error_um.abs()).collect();
-        away.sort_unstable_by(f64::total_cmp);
+        let away = sorted(all.iter().map(|point| point.error_um.abs()));
         let score = PlaneScore {
             frames: heights.len(),
             n: all.len(),
@@ -155,7 +154,7 @@ impl PlaneScore {
             p95_z_um: quantile(&away, 0.95),
             wrong_side: facts.focus_um.and_then(|focus_um| wrong_side(&all, gate_z_um, focus_um)),
             fitted: FittedPlanes::of(&all, gate_z_um),
-            over_height: over_height(&all, gate_z_um, heights.into_values().collect()),
+            over_height: over_height(&all, gate_z_um, heights.into_values()),
             over_radius: facts.sensor_px.map_or_else(Vec::new, |(w, h)| {
                 let width = 0.5 * w.hypot(h) / RADIUS_BINS as f64;
                 let edges = (0..RADIUS_BINS).map(|k| (width * k as f64, width * (k + 1) as f64));
@@ -184,14 +183,10 @@ const ROUNDS: usize = 20;
 impl FittedPlanes {
     fn of(all: &[PlanePoint], gate_z_um: f64) -> Option<Self> {
         let planes = Plane::fit(all, gate_z_um);
-        let mut sizes: Vec<f64> = all
-            .iter()
-            .filter_map(|point| {
-                let plane = planes.iter().find(|plane| plane.height_um == point.height_um)?;
-                Some((point.error_um - plane.error_um(point.x_px, point.y_px)).abs())
-            })
-            .collect();
-        sizes.sort_by(f64::total_cmp);
+        let sizes = sorted(all.iter().filter_map(|point| {
+            let plane = planes.iter().find(|plane| plane.height_um == point.height_um)?;
+            Some((point.error_um - plane.error_um(point.x_px, point.y_px)).abs())
+        }));
         let within = sizes.partition_point(|size| *size < gate_z_um);
         (!planes.is_empty()).then(|| FittedPlanes {
             n: planes.len(),
@@ -249,10 +244,9 @@ impl Plane {
             };
             let fitted = Plane { height_um: points[0].height_um, middle_px, shift_um, slope };
             let away = |point: &PlanePoint| (point.error_um - fitted.error_um(point.x_px, point.y_px)).abs();
-            let mut sizes: Vec<f64> = kept.iter().map(|point| away(point)).collect();
-            sizes.sort_by(f64::total_cmp);
+            let deviation = median(kept.iter().map(|point| away(point)))?;
             // 1.4826 median absolute deviations are a standard deviation.
-            let most = (3.0 * 1.4826 * quantile(&sizes, 0.5)?).clamp(f64::MIN_POSITIVE, gate_z_um);
+            let most = (3.0 * 1.4826 * deviation).clamp(f64::MIN_POSITIVE, gate_z_um);
             let near: Vec<&PlanePoint> = points.iter().filter(|point| away(point) <= most).collect();
             plane = Some(fitted);
             if near == kept {
@@ -278,9 +272,8 @@ fn tilt(points: &[&PlanePoint], middle: [f64; 2], shift: f64) -> [f64; 2] {
     [(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant]
 }
 
-fn over_height(all: &[PlanePoint], gate_z_um: f64, mut heights: Vec<f64>) -> Vec<PlaneBin> {
-    heights.sort_by(f64::total_cmp);
-    heights.dedup();
+fn over_height(all: &[PlanePoint], gate_z_um: f64, heights: impl Iterator<Item = f64>) -> Vec<PlaneBin> {
+    let heights = distinct(heights);
     let height = |point: &PlanePoint| point.height_um;
     if heights.len() <= MOST_HEIGHTS {
         let one = |z: &f64| {

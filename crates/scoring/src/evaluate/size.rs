@@ -4,7 +4,7 @@
 //! smaller errors, so results are ranked by the fraction of all particles whose class is right.
 
 use super::matching::Matching;
-use super::statistics::{Errors, Interval, quantile, ratio};
+use super::statistics::{Errors, Interval, distinct, quantile, ratio, sorted};
 use super::track_set::TrackSet;
 use super::truth::TrueParticles;
 use super::units::{Matched, Units};
@@ -127,18 +127,17 @@ impl Size {
         let [interval_bias_um, interval_rms_um, interval_right] =
             units.intervals(&sums, |s| [ratio(s[3], s[2]), rms(s), right(s)]);
         let total = sums.iter().fold([0.0; 5], |t: [f64; 5], u| std::array::from_fn(|k| t[k] + u[k]));
-        let mut sorted: Vec<f64> = compared.iter().filter_map(|c| c.error_um.map(f64::abs)).collect();
-        sorted.sort_unstable_by(f64::total_cmp);
+        let away = sorted(compared.iter().filter_map(|c| c.error_um.map(f64::abs)));
         let over_depth = truth.facts.depth_um.filter(|(low, high)| truth.has_z && high > low);
         let bins = over_depth.map_or_else(Vec::new, |range| {
             bins(range, t.points.iter().map(|point| point.at.z_um).zip(compared), n_classes > 0)
         });
         let score = Size {
             n_true: t.len(),
-            n: sorted.len(),
+            n: away.len(),
             bias_um: ratio(total[3], total[2]),
             rms_um: rms(&total),
-            median_abs_um: quantile(&sorted, 0.5),
+            median_abs_um: quantile(&away, 0.5),
             interval_bias_um,
             interval_rms_um,
             right: right(&total),
@@ -153,9 +152,7 @@ impl Size {
 
 /// The different diameters, ascending, if they are a few.
 fn classes(true_um: &[f64]) -> Vec<f64> {
-    let mut all = true_um.to_vec();
-    all.sort_unstable_by(f64::total_cmp);
-    all.dedup();
+    let all = distinct(true_um.iter().copied());
     if (2..=CLASSES).contains(&all.len()) { all } else { Vec::new() }
 }
 

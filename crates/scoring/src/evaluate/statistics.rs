@@ -40,6 +40,25 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     Some(low + (high - low) * at.fract())
 }
 
+/// The values, ascending.
+pub fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values
+}
+
+/// The different values, ascending.
+pub fn distinct(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values = sorted(values);
+    values.dedup();
+    values
+}
+
+/// The median; `None` without values.
+pub fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    quantile(&sorted(values), 0.5)
+}
+
 /// Reads null as infinity, which JSON cannot represent.
 pub(super) fn or_infinite<'de, D: Deserializer<'de>>(source: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(source)?.unwrap_or(f64::INFINITY))

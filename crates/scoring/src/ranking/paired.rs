@@ -26,7 +26,7 @@ use scenario::Metric;
 
 use super::Contestant;
 use super::metric::{self, Better, ScoreDef};
-use crate::evaluate::statistics::{FEWEST, Interval, draws, quantile, tail};
+use crate::evaluate::statistics::{FEWEST, Interval, draws, median, quantile, tail};
 use crate::evaluate::units::MISSED;
 
 /// The resamples, made once for each number of units, so that all results share them.
@@ -80,7 +80,7 @@ impl<'a> Paired<'a> {
             metric::Compared::Interval => Compared::Interval,
             metric::Compared::Errors(of) => match of(units) {
                 errors if errors.is_empty() || errors.len() != units.unit.len() => Compared::Interval,
-                errors => Compared::Errors(&units.unit, errors, median(errors)),
+                errors => Compared::Errors(&units.unit, errors, median_error(errors)),
             },
             metric::Compared::Resamples(of) => of(units, draws).map_or(Compared::Interval, |resamples| {
                 let merit = |value: Option<f64>| value.map_or(f64::NEG_INFINITY, |value| better.merit(value));
@@ -172,11 +172,9 @@ pub(super) fn resampled<const N: usize>(
 }
 
 /// Median error, from squared errors; 0 if none is known.
-fn median(squared: &[f32]) -> f32 {
-    let mut found: Vec<f64> =
-        squared.iter().filter(|error| **error != MISSED).map(|error| f64::from(error.sqrt())).collect();
-    found.sort_unstable_by(f64::total_cmp);
-    quantile(&found, 0.5).unwrap_or(0.0) as f32
+fn median_error(squared: &[f32]) -> f32 {
+    let found = squared.iter().filter(|error| **error != MISSED);
+    median(found.map(|error| f64::from(error.sqrt()))).unwrap_or(0.0) as f32
 }
 
 /// Difference of two errors above which one particle is nearer than the other, in units of the smaller median

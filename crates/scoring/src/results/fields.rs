@@ -4,6 +4,7 @@ use super::conventions::{LARGEST_PX, unused, whole};
 use super::sheet::{self, TextTable};
 use super::table::{Placement, Reversal};
 use super::{Cells, Conventions, DroppedRows, Field, FlowVector, FormatDefaults, LengthUnit, Position};
+use crate::evaluate::statistics::distinct;
 use storage::advice;
 use storage::advice::option;
 use storage::error::{Error, Result};
@@ -324,9 +325,7 @@ impl FieldRows {
     fn snap(&mut self) {
         let first = |of: fn(&Position) -> f64| {
             // In a wrong unit, a whole field may be smaller.
-            let mut values: Vec<f64> = self.vectors.iter().map(|v| of(&v.at)).collect();
-            values.sort_unstable_by(f64::total_cmp);
-            values.dedup();
+            let mut values = distinct(self.vectors.iter().map(|v| of(&v.at)));
             let (all, range) = (values.len(), values.last().zip(values.first()).map_or(0.0, |(b, a)| b - a));
             values.dedup_by(|next, kept| *next - *kept < SAME_PX.min(1e-5 * range));
             (all, values)

@@ -7,7 +7,7 @@ use super::nodes::{FEW_SQUARES, block};
 use super::peak_locking::PeakLocking;
 use super::spectrum::{self, Spectrum};
 use super::vectors::{ComparedVector, INLIER_PX, VectorGrid};
-use crate::evaluate::statistics::{Errors, Interval, add, quantile, ratio};
+use crate::evaluate::statistics::{Errors, Interval, add, quantile, ratio, sorted};
 use crate::evaluate::uncertainty::Uncertainty;
 use crate::results::FlowVector;
 
@@ -35,8 +35,7 @@ scores! {
 impl ComponentErrors {
     fn of(errors: &[f64]) -> Self {
         let e = Errors::of(errors.iter().copied());
-        let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
-        sizes.sort_unstable_by(f64::total_cmp);
+        let sizes = sorted(errors.iter().map(|e| e.abs()));
         ComponentErrors {
             bias_px: e.bias,
             random_px: e.random,

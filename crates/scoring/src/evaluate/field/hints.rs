@@ -3,7 +3,7 @@
 use super::true_field::{TrueField, TrueFields};
 use super::vectors::{ComparedVector, INLIER_PX};
 use crate::evaluate::hint::Hint;
-use crate::evaluate::statistics::quantile;
+use crate::evaluate::statistics::median;
 use crate::results::{Field, FlowVector, LENGTHS, Origin, Position, Reversal};
 use storage::advice::{Advice, option};
 use storage::dataset::RecordingFacts;
@@ -290,12 +290,8 @@ fn other_reading(field: &Field, grid: &TrueField, facts: &RecordingFacts) -> Opt
 fn no_better_than_zeros(compared: &[ComparedVector]) -> Option<Hint> {
     /// Errors below this are noise in small displacements, px.
     const LARGE_PX: f64 = 0.5;
-    let median = |of: &dyn Fn(&ComparedVector) -> f64| {
-        let mut values: Vec<f64> = compared.iter().map(of).filter(|v| v.is_finite()).collect();
-        values.sort_unstable_by(f64::total_cmp);
-        quantile(&values, 0.5)
-    };
-    let (error, moved) = (median(&|c| c.endpoint())?, median(&|c| c.truth[0].hypot(c.truth[1]))?);
+    let of = |value: fn(&ComparedVector) -> f64| median(compared.iter().map(value).filter(|v| v.is_finite()));
+    let (error, moved) = (of(|c| c.endpoint())?, of(|c| c.truth[0].hypot(c.truth[1]))?);
     let question = "is this the result of another dataset, is it in another unit, or are its image pairs in another order?";
     let detail = format!(
         "The median error of {error:.2} px is no smaller than that of zero displacements ({moved:.2} px)"

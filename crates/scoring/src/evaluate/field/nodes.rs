@@ -14,9 +14,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::true_field::{TrueField, axis, index};
+use super::true_field::{TrueField, index};
 use super::vectors::INLIER_PX;
-use crate::evaluate::statistics::{Interval, intervals, ratio};
+use crate::evaluate::statistics::{Interval, distinct, intervals, ratio};
 use crate::results::FlowVector;
 use storage::dataset::RecordingFacts;
 
@@ -215,8 +215,8 @@ enum Interpolated {
 
 impl Interpolated {
     fn new<'a>(vectors: impl Iterator<Item = &'a FlowVector> + Clone) -> Self {
-        let x_px = axis(vectors.clone().map(|v| v.at.x_px).filter(|x| x.is_finite()));
-        let y_px = axis(vectors.clone().map(|v| v.at.y_px).filter(|y| y.is_finite()));
+        let x_px = distinct(vectors.clone().map(|v| v.at.x_px).filter(|x| x.is_finite()));
+        let y_px = distinct(vectors.clone().map(|v| v.at.y_px).filter(|y| y.is_finite()));
         let valid = vectors.clone().filter(|v| v.flag == 0 && v.moved[..2].iter().all(|d| d.is_finite()));
         let cells = x_px.len() * y_px.len();
         // A grid is mostly full; scattered vectors would each have a column and a row of their own.

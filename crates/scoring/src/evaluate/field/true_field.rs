@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use super::grid_spline::GridSpline;
-use crate::evaluate::statistics::ratio;
+use crate::evaluate::statistics::{distinct, ratio};
 use crate::results::{Conventions, FlowVector, Position, read_field};
 use generator::dataset::truth::field::ScenarioFlow;
 use generator::runner::{DatasetPlace, MemoryDataset};
@@ -39,8 +39,8 @@ const PAIRS: usize = 10;
 impl TrueField {
     pub(super) fn new(nodes: &[FlowVector]) -> Self {
         let mut grid = TrueField {
-            x_px: axis(nodes.iter().map(|v| v.at.x_px)),
-            y_px: axis(nodes.iter().map(|v| v.at.y_px)),
+            x_px: distinct(nodes.iter().map(|v| v.at.x_px)),
+            y_px: distinct(nodes.iter().map(|v| v.at.y_px)),
             pairs: BTreeMap::new(),
         };
         let size = grid.x_px.len() * grid.y_px.len();
@@ -141,14 +141,6 @@ impl TrueField {
         let gain = every(4).and_then(|coarser| ratio(coarse, coarser)).unwrap_or(1.0);
         Some(coarse * gain.clamp(1.0 / 16.0, 1.0))
     }
-}
-
-/// The different values, ascending.
-pub(super) fn axis(values: impl Iterator<Item = f64>) -> Vec<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_unstable_by(f64::total_cmp);
-    values.dedup();
-    values
 }
 
 pub(super) fn index(axis: &[f64], v: f64) -> usize {

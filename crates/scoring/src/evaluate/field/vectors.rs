@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::true_field::{axis, index};
+use super::true_field::index;
+use crate::evaluate::statistics::distinct;
 use crate::results::FlowVector;
 
 /// End-point error from which a vector is an outlier, px.
@@ -44,8 +45,8 @@ pub struct VectorGrid {
 impl VectorGrid {
     /// Sorts vectors into columns and rows; `None` if they are not on a grid.
     pub fn new(all: &[ComparedVector]) -> Option<Self> {
-        let x_px = axis(all.iter().map(|c| c.measured.at.x_px));
-        let y_px = axis(all.iter().map(|c| c.measured.at.y_px));
+        let x_px = distinct(all.iter().map(|c| c.measured.at.x_px));
+        let y_px = distinct(all.iter().map(|c| c.measured.at.y_px));
         let mut numbers: Vec<Option<u32>> = all.iter().map(|c| c.measured.pair).collect();
         numbers.sort_unstable();
         numbers.dedup();
