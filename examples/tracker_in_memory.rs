@@ -34,7 +34,7 @@ pub(crate) fn main() -> Result<(), Box<dyn std::error::Error>> {
     let columns = Columns(names.map(|(k, name)| (name.to_owned(), numbers(k))).collect());
 
     let options = EvaluateOptions::default();
-    let truth = |is_field| Truth::from_memory(&made, is_field, &options);
+    let truth = |is_field| Truth::from_memory(&made, made.scenario(), is_field, &options);
     let score = evaluate_source(truth, Source::Columns(columns), &options)?.score;
     let found = score.detection.unwrap_or_default();
     println!("found {} of {} particles, {} ghosts", found.tp, found.tp + found.missed, found.fp);

@@ -3,7 +3,7 @@
 
 use std::sync::LazyLock;
 
-use generator::dataset::secret;
+use storage::dataset::secret;
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 

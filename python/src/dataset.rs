@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use generator::runner::{DatasetPlace, GenerateOptions, MemoryDataset};
+use generator::runner::{GenerateOptions, MemoryDataset};
 use microsig_core::KEYS;
 use microsig_core::formats::tiff;
 use microsig_core::sensor::Counts;
@@ -14,8 +14,8 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Assignment, Scenario};
-use storage::dataset::TableReader;
 use storage::dataset::manifest::Manifest;
+use storage::dataset::{DatasetPlace, TableReader};
 
 use crate::columns::{arrays, table};
 use crate::object::Object;
@@ -61,19 +61,19 @@ impl ScenarioText {
 
 /// A dataset in memory.
 #[pyclass(frozen, module = "microsig._microsig")]
-pub(crate) struct Made(Arc<MemoryDataset>);
+pub(crate) struct Made(pub(crate) Arc<MemoryDataset>);
 
 /// Where a dataset is.
 #[derive(FromPyObject)]
-pub(crate) enum Place<'py> {
-    Memory(Bound<'py, Made>),
+pub(crate) enum Place {
+    Memory(Py<Made>),
     Folder(PathBuf),
 }
 
-impl From<Place<'_>> for DatasetPlace {
-    fn from(place: Place<'_>) -> Self {
+impl From<Place> for DatasetPlace {
+    fn from(place: Place) -> Self {
         match place {
-            Place::Memory(made) => DatasetPlace::Memory(Arc::clone(&made.get().0)),
+            Place::Memory(made) => DatasetPlace::Memory(made.get().0.clone()),
             Place::Folder(path) => DatasetPlace::Folder(path),
         }
     }

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use arena::report;
-use generator::runner::DatasetPlace;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -13,7 +12,7 @@ use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Hint, Score, Truth, UnitScores, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, LengthUnit, Origin, PairChoice, Source};
 use storage::argument::{Variants, variant};
-use storage::dataset::Columns;
+use storage::dataset::{Columns, DatasetPlace};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
 
 use crate::columns::{self, arrays, columns};
@@ -150,8 +149,7 @@ impl Scored {
 
 /// Scores a result against the truth of a dataset.
 #[pyfunction]
-fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> PyResult<Scored> {
-    let dataset = DatasetPlace::from(dataset);
+fn evaluate(py: Python<'_>, dataset: Place, result: Given<'_>, how: How) -> PyResult<Scored> {
     let (file, table) = match result {
         Given::File(path) => (Some(path), Columns::default()),
         Given::Columns(given) => (None, columns(given)),
@@ -159,11 +157,14 @@ fn evaluate(py: Python<'_>, dataset: Place<'_>, result: Given<'_>, how: How) -> 
     run(py, false, OnInterrupt::Leave, move |_| {
         let options = how.options()?;
         let truth = |is_field| match &dataset {
-            DatasetPlace::Memory(made) => Truth::from_memory(made, is_field, &options),
-            DatasetPlace::Folder(path) => Truth::read(path, is_field, &options),
+            Place::Memory(made) => {
+                let made = &*made.get().0;
+                Truth::from_memory(made, made.scenario(), is_field, &options)
+            }
+            Place::Folder(path) => Truth::read(path, is_field, &options),
         };
         let evaluation = match (&dataset, &file) {
-            (DatasetPlace::Folder(dataset), Some(file)) => evaluate_files(dataset, file, &options)?,
+            (Place::Folder(dataset), Some(file)) => evaluate_files(dataset, file, &options)?,
             (_, Some(file)) => evaluate_source(truth, Source::at(file.into())?, &options)?,
             (_, None) => evaluate_source(truth, Source::Columns(table), &options)?,
         };
@@ -196,7 +197,7 @@ enum Aspect {
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn track<'py>(
     py: Python<'py>,
-    dataset: Place<'py>,
+    dataset: Place,
     method: String,
     max_displacement_px: f64,
     diameter_px: f64,

@@ -7,11 +7,11 @@ use std::path::PathBuf;
 use bench::cli::Cli;
 use bench::export::ExportOptions;
 use bench::optics::{Optics, svg, text};
-use generator::runner::DatasetPlace;
 use microsig_core::formats::stack::{Stack, StackAxis, StackFormat};
 use microsig_core::sensor::{Counts, Image};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
+use storage::dataset::DatasetPlace;
 
 use crate::dataset::{Place, ScenarioText};
 use crate::object::Object;
@@ -45,7 +45,7 @@ fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String,
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn export(
     py: Python<'_>,
-    dataset: Place<'_>,
+    dataset: Place,
     out: PathBuf,
     format: String,
     images: String,

@@ -10,7 +10,7 @@ use std::process::Command;
 
 use arena::report::{OnBoth, TrackerScores, TwinAbout, twin_page};
 use fit::StagePositions;
-use generator::runner::{DatasetPlace, GenerateOptions, Progress, generate};
+use generator::runner::{GenerateOptions, Progress, generate};
 use import::{ImportOptions, import};
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::render::Context;
@@ -23,7 +23,8 @@ use serde::Serialize;
 use storage::InputFile;
 use storage::dataset::manifest::{Manifest, RECORDING};
 use storage::dataset::{
-    CalibrationRow, FrameRow, PlaneRow, RecordingFacts, Row, ScanParticleRow, TrackRow, read_rows,
+    CalibrationRow, DatasetPlace, FrameRow, PlaneRow, RecordingFacts, Row, ScanParticleRow, TrackRow,
+    read_rows,
 };
 use storage::error::{Error, Result};
 use tracking::{GrayImage, METHODS, TrackOptions, track};

@@ -302,6 +302,7 @@ impl Frame<'_> {
 #[cfg(test)]
 mod tests {
     use flows::fields::{LambOseen, LambOseenParams};
+    use storage::dataset::DatasetInMemory;
 
     use super::*;
 

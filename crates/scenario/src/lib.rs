@@ -29,6 +29,7 @@ mod splits;
 mod suite;
 mod sweep;
 mod timing;
+mod true_flow;
 mod truth_grid;
 mod volume;
 
@@ -56,4 +57,5 @@ pub use suite::{
     TrackSpec, suite_schema,
 };
 pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep};
+pub use true_flow::ScenarioFlow;
 pub use truth_grid::{Nodes, Weighting};

@@ -18,6 +18,7 @@ use super::resolve::resolve;
 use super::resolved::Scenario;
 use super::source::{ScenarioText, read_text};
 use super::spec::{Motion, Spec, schema as scenario};
+use storage::dataset::secret;
 use storage::{Error, InputFile, Result};
 
 /// The resolved scenario in a dataset's folder.
@@ -157,12 +158,15 @@ fn resolve_tree(
     Err(Error::Problems(problems.sorted()))
 }
 
-/// The resolved scenario of a dataset, and its text. Errors: a missing file; [`Error::Problems`] for a
-/// scenario that this version cannot read.
+/// The resolved scenario of a dataset, with its secret random numbers if it has their key, and its text. Errors: a missing
+/// file; a malformed key; [`Error::Problems`] for a scenario that this version cannot read.
 pub fn of_dataset(dataset: &Path, context: &Context) -> Result<(Scenario, String)> {
     let path = dataset.join(SCENARIO);
     let text = read_text(&path)?;
-    let scenario = resolve(parse(&text, &path.display().to_string())?, dataset, context)?;
+    let mut scenario = resolve(parse(&text, &path.display().to_string())?, dataset, context)?;
+    if let Some(streams) = secret::streams(dataset)? {
+        scenario.streams = streams;
+    }
     Ok((scenario, text))
 }
 

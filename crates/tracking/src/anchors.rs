@@ -6,8 +6,7 @@ use microsig_core::stream::{Purpose, Streams};
 use super::output::{Output, Row};
 use super::piv;
 use super::{Localization, Method, TrackOptions};
-use generator::runner::DatasetPlace;
-use scoring::evaluate::truth::TrueParticles;
+use storage::dataset::DatasetPlace;
 use storage::error::Result;
 
 pub(super) const TRUTH_NOISE: Method = Method {
@@ -51,14 +50,12 @@ fn offset(dataset: &DatasetPlace) -> Result<Output> {
 }
 
 fn moved(dataset: &DatasetPlace, mut change: impl FnMut(&mut Localization)) -> Result<Output> {
-    let truth = TrueParticles::from_place(dataset)?;
-    let visible = truth.rows.iter().zip(&truth.visible).filter(|(_, visible)| **visible);
-    let rows = visible.map(|(row, _)| {
-        let z_um = truth.has_z.then_some(row.at.z_um);
-        let (x_px, y_px) = (row.at.x_px, row.at.y_px);
-        let mut found = Localization { x_px, y_px, z_um, ..Localization::default() };
+    let (rows, has_tracks) = dataset.tracks()?;
+    let rows = rows.into_iter().filter(|row| row.visible).map(|row| {
+        let z_um = Some(row.z_um).filter(|z_um| z_um.is_finite());
+        let mut found = Localization { x_px: row.x_px, y_px: row.y_px, z_um, ..Localization::default() };
         change(&mut found);
-        Row { frame: row.frame, track: row.track, found }
+        Row { frame: row.frame, track: if has_tracks { row.track.cast_signed() } else { -1 }, found }
     });
     Ok(Output::Points(rows.collect()))
 }

@@ -10,10 +10,9 @@ use microsig_core::render::WaveOptics;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
-use generator::runner::DatasetPlace;
 use rayon::prelude::*;
 use storage::dataset::manifest::{OpticsFacts, RECORDING};
-use storage::dataset::{CalibrationRow, Row as _};
+use storage::dataset::{CalibrationRow, DatasetPlace, Row as _};
 use storage::error::{Error, Result};
 use storage::input;
 

@@ -5,9 +5,9 @@
 //! Process. 16, 3020). The particle image is sparse in this basis, the noise is not. Counts are first
 //! transformed to unit variance (generalized Anscombe transform; Starck, Murtagh & Bijaoui 1998).
 
-use generator::runner::DatasetPlace;
 use microsig_core::cancel::checkpoint;
 use rayon::prelude::*;
+use storage::dataset::DatasetPlace;
 
 use super::gray_image::GrayImage;
 use storage::dataset::manifest::RECORDING;

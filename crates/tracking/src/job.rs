@@ -10,7 +10,7 @@ use super::gray_image::GrayImage;
 use super::output::{DisplacementVector, Output, Row};
 use super::recording::Recording;
 use super::{Localization, TrackOptions, link, sides};
-use generator::runner::DatasetPlace;
+use storage::dataset::DatasetPlace;
 use storage::error::Result;
 
 /// A dataset and the options of the tracker.

@@ -47,15 +47,15 @@ pub use spheroids::weighted_median;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use generator::runner::Progress;
 use glam::DVec3;
 use microsig_core::render::Context;
 use serde::Serialize;
 
-use generator::runner::{DatasetPlace, Progress};
 use job::Job;
 use output::Output;
 use storage::advice::{Advice, flag, option};
-use storage::dataset::Columns;
+use storage::dataset::{Columns, DatasetPlace};
 use storage::error::{Error, Result};
 use storage::range::faults;
 use storage::{NumberRange, OutputFile, advice};

@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::gray_image::GrayImage;
-use generator::runner::DatasetPlace;
-use storage::dataset::RecordingFacts;
+use storage::dataset::{DatasetPlace, RecordingFacts};
 use storage::error::{Error, Result};
 
 /// The images of a dataset.

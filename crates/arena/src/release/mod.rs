@@ -46,7 +46,6 @@ use serde::Serialize;
 
 use crate::package::Package;
 use crate::report::FEWEST;
-use generator::dataset::secret;
 use generator::runner::{GenerateOptions, Progress, generate};
 use scenario::license::LICENSE;
 use scenario::{Assignment, Scenario};
@@ -57,6 +56,7 @@ use storage::advice;
 use storage::advice::option;
 use storage::checksums::{self, SHA256SUMS};
 use storage::dataset::manifest::{MANIFEST, ResultKind, ScoringRules};
+use storage::dataset::secret;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, remove_own};
 

@@ -10,7 +10,6 @@ use microsig_core::render::Context;
 use microsig_core::stream::Streams;
 
 use super::ReleaseOptions;
-use generator::dataset::secret;
 use generator::runner::Progress;
 use generator::runner::verify;
 use scenario::spec::{Calibration, Motion, Number};
@@ -19,6 +18,7 @@ use scoring::evaluate::EvaluateOptions;
 use storage::advice;
 use storage::advice::option;
 use storage::dataset::manifest::{GENERATOR_VERSION, Manifest, ScoringGates, ScoringRules};
+use storage::dataset::secret;
 use storage::error::{Error, Result};
 
 /// Sections of the scenario that may differ in the test split; they are withheld from participants.

@@ -11,8 +11,7 @@ use serde_json::{Value, json};
 
 use super::ExportFormat;
 use arena::package::Package;
-use generator::runner::DatasetPlace;
-use storage::dataset::{BoxRow, FrameRow, Row, read_rows};
+use storage::dataset::{BoxRow, DatasetPlace, FrameRow, Row, read_rows};
 use storage::error::{Error, Result};
 
 #[derive(Debug)]

@@ -4,11 +4,11 @@
 use std::fmt::Write;
 
 use super::{ExportFormat, ExportOptions};
-use generator::runner::DatasetPlace;
 use scoring::evaluate::field::true_field;
 use scoring::results::{FlowVector, Position};
 use storage::advice;
 use storage::advice::option;
+use storage::dataset::DatasetPlace;
 use storage::error::{Error, Result};
 
 /// Value of an unknown component in Middlebury's format.

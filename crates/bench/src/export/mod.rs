@@ -16,10 +16,10 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use generator::runner::DatasetPlace;
 use scoring::evaluate::field::true_field::Displacement;
 use storage::OutputFile;
 use storage::argument::{choice, output};
+use storage::dataset::DatasetPlace;
 use storage::error::{Error, Result};
 
 /// Export formats.

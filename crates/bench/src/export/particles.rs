@@ -5,10 +5,9 @@ use std::fmt::Write;
 use maud::Render;
 
 use super::ExportFormat;
-use generator::runner::DatasetPlace;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::Position;
-use storage::dataset::RecordingFacts;
+use storage::dataset::{DatasetPlace, RecordingFacts};
 use storage::error::{Error, Result};
 
 /// A true particle in one frame.

@@ -2,8 +2,8 @@
 //! image velocimetry, as JSON-LD: data set, distributions, setup and its parameters (Metadata4Ing, QUDT
 //! units).
 
-use generator::runner::DatasetPlace;
 use serde_json::{Value, json};
+use storage::dataset::DatasetPlace;
 use storage::dataset::manifest::{Facts, MANIFEST, Manifest, RECORDING, Resource};
 use storage::error::{Error, Result};
 

@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use generator::runner::DatasetPlace;
 use microsig_core::formats::stack::{Stack, StackAxis, StackFormat, equal_step};
 use storage::advice;
 use storage::advice::option;
 use storage::dataset::manifest::{Manifest, TimingFacts};
-use storage::dataset::{CalibrationRow, FrameRow, Row, TableReader};
+use storage::dataset::{CalibrationRow, DatasetPlace, FrameRow, Row, TableReader};
 use storage::error::{Error, Result};
 use storage::save;
 

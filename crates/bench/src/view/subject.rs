@@ -3,10 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
-use generator::runner::{CASES, CaseReader};
 use microsig_core::render::Context;
 use scenario::{SCENARIO, Shipped, read_text};
 use scoring::evaluate::measurement::check_order;
+use storage::dataset::cases::{CASES, CaseReader};
 use storage::dataset::manifest::MANIFEST;
 use storage::error::{Error, Result};
 use storage::folder::is_partial;

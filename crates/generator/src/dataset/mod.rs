@@ -14,7 +14,6 @@ mod camera;
 pub mod card;
 mod contact_sheet;
 pub mod manifest;
-pub mod secret;
 pub mod source;
 pub mod truth;
 

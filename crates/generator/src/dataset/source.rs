@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use microsig_core::formats::settings_file;
-use storage::dataset::manifest::MANIFEST;
 
-use super::secret;
 use scenario::license::LICENSE;
 use scenario::{self, SCENARIO, Scenario};
 use storage::checksums::{self, SHA256SUMS};
+use storage::dataset::manifest::MANIFEST;
+use storage::dataset::secret;
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{Error, OutputFolder, Result, read_text};
 

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use flows::Frame;
 use microsig_core::sensor::{Counts, Image, ImageFormat};
+use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
 use super::cost::Cost;
@@ -16,14 +17,14 @@ use super::progress::Progress;
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::manifest::{bit_depth, manifest};
-use crate::dataset::truth::field::ScenarioFlow;
 use crate::dataset::truth::{FrameTruth, Totals, Truth, depth, field, tracks};
 use microsig_core::visibility::DepthScan;
-use scenario::Scenario;
+use scenario::{Scenario, ScenarioFlow};
 use storage::checksums::Hashing;
 use storage::dataset::manifest::{MANIFEST, Manifest, Resource, resource};
 use storage::dataset::{
-    BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow,
+    BoxRow, CalibrationRow, Columns, DatasetInMemory, DepthRow, DisplacementRow, FieldRow, FrameRow, Row,
+    Table, TrackRow, TrueFlow,
 };
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, check_replaceable};
@@ -127,12 +128,7 @@ impl MemoryDataset {
         bit_depth(&self.scenario)
     }
 
-    /// The frame whose image has this path.
-    pub(super) fn frame_of(&self, path: &str) -> Option<usize> {
-        self.truths.iter().position(|truth| truth.frame.image == path)
-    }
-
-    pub(super) fn image(&self, frame: usize) -> Image {
+    fn frame(&self, frame: usize) -> Image {
         let (width, height) = (self.scenario.settings.pixel_dim_x, self.scenario.settings.pixel_dim_y);
         let pixels = width as usize * height as usize;
         let counts = self.counts.slice(frame * pixels..(frame + 1) * pixels);
@@ -141,37 +137,6 @@ impl MemoryDataset {
 
     fn scan(&self) -> Result<&DepthScan> {
         once(&self.scan, || self.scenario.scan_of_mean())
-    }
-
-    /// The rows of `truth/frames.csv`.
-    pub fn frames(&self) -> Vec<FrameRow> {
-        self.truths.iter().map(|truth| truth.frame.clone()).collect()
-    }
-
-    /// The rows of `truth/tracks.csv`.
-    pub fn tracks(&self) -> impl Iterator<Item = &TrackRow> {
-        self.truths.iter().flat_map(|truth| &truth.tracks)
-    }
-
-    /// The rows of `truth/boxes.csv`, if the scenario has it.
-    pub fn boxes(&self) -> Option<Vec<BoxRow>> {
-        let rows = || self.truths.iter().flat_map(|truth| truth.boxes.iter().cloned());
-        self.scenario.spec.truth.boxes.then(|| rows().collect())
-    }
-
-    /// The rows of `truth/field.csv`, if the scenario has it.
-    pub fn field(&self) -> Result<Option<Vec<FieldRow>>> {
-        Ok(field::in_memory(&self.scenario, self.scan()?).map(|(_, rows)| rows))
-    }
-
-    /// The flow, if the scenario has `truth/field.csv`.
-    pub fn flow(&self) -> Result<Option<ScenarioFlow>> {
-        ScenarioFlow::new(Arc::clone(&self.scenario), Some(self.scan()?))
-    }
-
-    /// The manifest, which lists images and tracks only.
-    pub fn manifest(&self) -> Result<&Manifest> {
-        once(&self.manifest, || self.made_manifest())
     }
 
     fn made_manifest(&self) -> Result<Manifest> {
@@ -218,7 +183,7 @@ impl MemoryDataset {
     }
 
     /// The calibration stack before it is rendered, if the scenario has one.
-    pub(super) fn calibration_stack(&self) -> Result<Option<&CalibrationStack>> {
+    fn calibration_stack(&self) -> Result<Option<&CalibrationStack>> {
         let make = || CalibrationStack::of(&self.scenario, &self.camera, self.scan()?);
         Ok(once(&self.calibration, make)?.as_ref())
     }
@@ -255,11 +220,59 @@ impl MemoryDataset {
                 scenario,
                 camera,
                 &self.truths,
-                |frame| self.image(frame),
+                |frame| self.frame(frame),
                 progress,
             )
         })?;
         Ok(Generated { seconds: start.elapsed().as_secs_f64(), ..generated })
+    }
+}
+
+impl DatasetInMemory for MemoryDataset {
+    fn manifest(&self) -> Result<&Manifest> {
+        once(&self.manifest, || self.made_manifest())
+    }
+
+    fn frames(&self) -> Vec<FrameRow> {
+        self.truths.iter().map(|truth| truth.frame.clone()).collect()
+    }
+
+    fn tracks(&self) -> Box<dyn Iterator<Item = &TrackRow> + '_> {
+        Box::new(self.truths.iter().flat_map(|truth| &truth.tracks))
+    }
+
+    fn boxes(&self) -> Option<Vec<BoxRow>> {
+        let rows = || self.truths.iter().flat_map(|truth| truth.boxes.iter().cloned());
+        self.scenario.spec.truth.boxes.then(|| rows().collect())
+    }
+
+    fn field(&self) -> Result<Option<Vec<FieldRow>>> {
+        Ok(field::in_memory(&self.scenario, self.scan()?).map(|(_, rows)| rows))
+    }
+
+    fn flow(&self) -> Result<Option<Arc<dyn TrueFlow>>> {
+        ScenarioFlow::new(Arc::clone(&self.scenario), Some(self.scan()?))
+    }
+
+    fn image(&self, path: &str) -> Result<Option<Image>> {
+        if let Some(frame) = self.truths.iter().position(|truth| truth.frame.image == path) {
+            return Ok(Some(self.frame(frame)));
+        }
+        let row = |stack: &CalibrationStack| stack.rows().iter().position(|row| row.image == path);
+        Ok(self.calibration_stack()?.and_then(|stack| Some(stack.image(row(stack)?))))
+    }
+
+    fn calibration_rows(&self) -> Result<Option<Vec<CalibrationRow>>> {
+        Ok(self.calibration_stack()?.map(CalibrationStack::rows))
+    }
+
+    fn calibration_settings(&self) -> Result<Option<Settings>> {
+        Ok(self.calibration_stack()?.map(|stack| stack.settings.clone()))
+    }
+
+    fn calibration_particle(&self, path: &str) -> Result<Option<Particle>> {
+        let row = |stack: &CalibrationStack| stack.rows().iter().position(|row| row.particles == path);
+        Ok(self.calibration_stack()?.and_then(|stack| stack.particles.get(row(stack)?).copied()))
     }
 }
 

@@ -4,7 +4,6 @@ mod cost;
 mod frames;
 mod generate;
 mod memory;
-mod place;
 mod plausibility;
 mod progress;
 mod recording;
@@ -19,7 +18,6 @@ pub use cost::Cost;
 pub(crate) use generate::camera;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
 pub use memory::{Calibration, MemoryDataset};
-pub use place::DatasetPlace;
 pub use progress::{Bar, Progress, Tables};
 pub use recording::Frames;
 pub use render::{RenderOptions, Rendered, render, render_particles};
@@ -29,5 +27,5 @@ pub use suite::{
     FROZEN, Frozen, FrozenDataset, RECORD, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection,
     check_rules, check_suite, digests, generate_suite, same_dataset,
 };
-pub use sweep::{CASES, CaseReader, SweepOptions, Swept, collect, sweep};
+pub use sweep::{SweepOptions, Swept, collect, sweep};
 pub use verify::{Verified, verify};

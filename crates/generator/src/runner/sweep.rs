@@ -5,8 +5,6 @@
 //! later, yield the same files as a single run. The table of all cases, `cases.csv`, is written when all
 //! cases are complete.
 
-use std::fs::File;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -18,16 +16,10 @@ use super::generate::{GenerateOptions, generate_or_find};
 use super::progress::Progress;
 use super::shard::Shard;
 use scenario::{Case, Scenario, Sweep, resolve};
-use storage::dataset::TableReader;
+use storage::dataset::cases::{BEFORE_AXES, CASES, STATUS};
 use storage::dataset::manifest::{MANIFEST, Manifest};
 use storage::folder::{FolderClaim, is_empty};
 use storage::{Error, Result, advice, read_text, save_bytes, save_changed};
-
-/// Name of the table of a sweep's cases, beside their folders.
-pub const CASES: &str = "cases.csv";
-
-/// The columns before the axes, which are followed by [`Outcome::COLUMNS`].
-const BEFORE_AXES: [&str; 4] = ["case", "dataset", "repetition", "seed"];
 
 /// Options of [`sweep`].
 #[derive(Debug, Clone)]
@@ -197,7 +189,7 @@ pub(super) enum Outcome {
 
 impl Outcome {
     /// The columns of [`Outcome::cells`].
-    pub(super) const COLUMNS: [&str; 6] = ["status", "n_p", "n_ppp", "n_s", "max_displacement_px", "reason"];
+    pub(super) const COLUMNS: [&str; 6] = [STATUS, "n_p", "n_ppp", "n_s", "max_displacement_px", "reason"];
 
     /// The outcome of the dataset in this folder, which must have this name and seed; `None` if it is
     /// unfinished. `of` names in messages what the datasets belong to.
@@ -274,37 +266,4 @@ fn tabulate(sweep: &Sweep, out: &Path, replacing: bool) -> Result<(usize, usize)
         save_changed(&out.join(CASES), &bytes)?;
     }
     Ok((done, failures))
-}
-
-/// Reads the table row by row.
-#[derive(Debug)]
-pub struct CaseReader {
-    reader: TableReader<File>,
-    dataset: usize,
-    axes: Range<usize>,
-}
-
-impl CaseReader {
-    /// Opens the table in the folder of a sweep; `None` if it is a table of other columns.
-    pub fn open(sweep: &Path) -> Result<Option<Self>> {
-        let reader = TableReader::open(sweep.join(CASES))?;
-        let column = |name| reader.column(name);
-        let columns = (column(BEFORE_AXES[1]), column(BEFORE_AXES[3]), column(Outcome::COLUMNS[0]));
-        let (Some(dataset), Some(last), Some(after)) = columns else { return Ok(None) };
-        Ok(Some(CaseReader { dataset, axes: last + 1..after, reader }))
-    }
-
-    /// Paths of the axes.
-    pub fn axes(&self) -> &[String] {
-        self.reader.header().get(self.axes.clone()).unwrap_or_default()
-    }
-
-    /// The next case: name of its dataset, values of the axes as written; `None` at the end. Errors: reading;
-    /// a row with another number of cells than the header.
-    pub fn next_case(&mut self) -> Result<Option<(String, Vec<String>)>> {
-        let (dataset, axes) = (self.dataset, self.axes.clone());
-        let Some((_, cells)) = self.reader.next_row()? else { return Ok(None) };
-        let values = axes.map(|i| cells[i].to_owned()).collect();
-        Ok(Some((cells[dataset].to_owned(), values)))
-    }
 }

@@ -10,7 +10,6 @@ use serde::Serialize;
 
 use super::generate::{GenerateOptions, generate};
 use super::progress::Progress;
-use crate::dataset::secret;
 use scenario::{self, Scenario, write};
 use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::dataset::manifest::{MANIFEST, Manifest, RECORDING, Resource, SchemaField, TableSchema};
@@ -182,10 +181,7 @@ fn scenario_agrees(
     sums: &str,
     context: &Context,
 ) -> Result<()> {
-    let (mut scenario, text) = scenario::of_dataset(dataset, context)?;
-    if let Some(streams) = secret::streams(dataset)? {
-        scenario.streams = streams;
-    }
+    let (scenario, text) = scenario::of_dataset(dataset, context)?;
     if write(&scenario.spec)? != text {
         return Err(Error::Failed(vec!["scenario.ron: resolving it yields a different scenario".to_owned()]));
     }

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use crate::results::sheet::shorten;
 use crate::results::{Conventions, Limits, TrackerResult};
-use generator::runner::{CASES, CaseReader};
 use storage::checksums::fingerprint;
+use storage::dataset::cases::{CASES, CaseReader};
 use storage::dataset::manifest::MANIFEST;
 use storage::dataset::{FieldRow, RecordingFacts, Row, TrackRow};
 use storage::error::{Error, Result};

@@ -7,12 +7,11 @@ use super::measurement::{self, TableSize};
 use super::truth::{self, TrueParticles};
 use super::{EvaluateOptions, Evaluation, Score, evaluate};
 use crate::results::{Conventions, Limits, Source, TrackerResult};
-use generator::runner::MemoryDataset;
-use scenario::Scenario;
+use scenario::{Scenario, ScenarioFlow};
 use storage::InputFile;
 use storage::advice;
 use storage::advice::flag;
-use storage::dataset::{BoxRow, FieldRow, PlaneRow, RecordingFacts, Row, TrackRow};
+use storage::dataset::{BoxRow, DatasetInMemory, FieldRow, PlaneRow, RecordingFacts, Row, TrackRow};
 use storage::error::{Error, Result};
 
 /// What results are scored against: the parts of a dataset's truth that a result of its kind needs.
@@ -55,7 +54,7 @@ impl Truth {
         if is_field {
             let limits = measurement::limits(path, &facts)?;
             let fields = true_field::from_recording(path, facts.clone(), options.plane_um)?;
-            truth.fields = Some(fields.with_flow(true_field::flow_of_dataset(path, &options.context)));
+            truth.fields = Some(fields.with_flow(ScenarioFlow::of_dataset(path, &options.context)));
             return Ok((Truth { facts, ..truth }, limits));
         }
         if facts.is_recording {
@@ -95,15 +94,16 @@ impl Truth {
         Ok(Truth { facts, ..truth })
     }
 
-    /// The particles (or `fields`) of a dataset in memory.
+    /// The particles (or `fields`) of a dataset in memory, which has been made from `scenario`.
     pub fn from_memory(
-        made: &MemoryDataset,
+        made: &dyn DatasetInMemory,
+        scenario: &Arc<Scenario>,
         is_field: bool,
         options: &EvaluateOptions,
     ) -> Result<(Self, Limits)> {
         let facts = RecordingFacts::of(made.manifest()?);
         let facts = measurement::with_given(facts, &options.conventions);
-        let mut truth = Truth { scenario: Some(Arc::clone(made.scenario())), ..Truth::default() };
+        let mut truth = Truth { scenario: Some(Arc::clone(scenario)), ..Truth::default() };
         if is_field {
             truth.fields = Some(true_field::from_memory(made, facts.clone(), options.plane_um)?);
         } else {

@@ -15,10 +15,9 @@ use crate::results::sheet::TextTable;
 use crate::results::{
     Conventions, Converter, PARTICLES, Points, Position, TrackRow, VelocityUnit, read_points,
 };
-use generator::runner::DatasetPlace;
 use microsig_core::Spheroid;
 use storage::checksums::Hashing;
-use storage::dataset::{FrameRow, RecordingFacts, Row, TableReader};
+use storage::dataset::{DatasetPlace, FrameRow, RecordingFacts, Row, TableReader};
 use storage::error::{Error, Result};
 use storage::input;
 

@@ -1,8 +1,8 @@
 //! The scores of tables and rankings: where they are in `score.json`, their labels and units, which values are better, how they
 //! are read and how two results are compared by them. Leaderboards, pages, suites and bundles iterate over this list.
 
-use scenario::Metric;
 use serde::Serialize;
+use storage::dataset::manifest::Metric;
 
 use super::paired::{Draws, OfResamples, resampled};
 use crate::evaluate::field::FieldScore;

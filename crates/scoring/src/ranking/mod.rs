@@ -15,7 +15,7 @@ mod tests;
 
 use std::cmp::Ordering;
 
-use scenario::Metric;
+use storage::dataset::manifest::Metric;
 
 use crate::evaluate::{Score, UnitScores};
 pub use metric::{Better, Published, SCORES, ScoreDef, Subject, ranks_fields};

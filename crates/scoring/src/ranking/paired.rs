@@ -22,7 +22,7 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use scenario::Metric;
+use storage::dataset::manifest::Metric;
 
 use super::Contestant;
 use super::metric::{self, Better, ScoreDef};

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{Rng, SeedableRng};
-use scenario::Metric;
 use serde_json::Value;
+use storage::dataset::manifest::Metric;
 
 use super::{Contestant, pairs};
 use crate::evaluate::truth::TrueParticles;

@@ -1,6 +1,6 @@
 //! Manipulated results do not rank before a genuine one, by any score.
 
-use scenario::Metric;
+use storage::dataset::manifest::Metric;
 
 use super::{Contestant, rank};
 use crate::evaluate::truth::TrueParticles;

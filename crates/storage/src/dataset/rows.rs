@@ -281,13 +281,6 @@ table! {
     }
 }
 
-/// A flow whose displacements are known at any position, not only at the nodes of the table.
-pub trait TrueFlow: std::fmt::Debug + Send + Sync {
-    /// The displacements at a position (px, px, um) in an image pair, as the table would have them at a node
-    /// there: forward, central and, if wanted, weighted ones; masked for a pair that does not exist.
-    fn row(&self, pair: Option<u32>, at: [f64; 3], is_weighted: bool) -> FieldRow;
-}
-
 table! {
     /// One row per image of the calibration stack: a single particle, scanned through the depth range.
     pub struct CalibrationRow in "calibration/calibration.csv" {

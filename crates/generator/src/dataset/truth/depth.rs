@@ -1,7 +1,6 @@
 //! `truth/depth.csv`: properties of the noise-free image of a particle at each depth, and the weight of the
 //! depth.
 
-use super::field;
 use glam::DVec3;
 use microsig_core::Particle;
 use microsig_core::visibility::DepthScan;
@@ -36,9 +35,13 @@ pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>,
         + (settings.pixel_dim_x / 2) as usize;
     let response = scenario.sensor()?.response(middle);
     let noise = response.background_noise;
+    // A weight is proportional to the square of the illumination.
     let weights = scenario.truth_grid().filter(|nodes| nodes.weighting != Weighting::None).map(|nodes| {
-        let light = stack.depths_um.iter().map(|z_um| scenario.illumination.at(DVec3::Z * *z_um));
-        field::normalized(&field::weights(stack, nodes.weighting), light)
+        let light = |z_um: &f64| scenario.illumination.at(DVec3::Z * *z_um);
+        let weights = nodes.weighting.weights(stack).into_iter().zip(stack.depths_um.iter().map(light));
+        let lit: Vec<f64> = weights.map(|(weight, light)| weight * light * light).collect();
+        let sum: f64 = lit.iter().sum();
+        lit.into_iter().map(|weight| weight / sum).collect::<Vec<f64>>()
     });
     let depths = stack.depths_um.iter().zip(&stack.images).enumerate();
     let rows: Vec<DepthRow> = depths

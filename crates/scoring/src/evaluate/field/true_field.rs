@@ -8,14 +8,12 @@ use std::sync::{Arc, OnceLock};
 use super::grid_spline::GridSpline;
 use crate::evaluate::statistics::{distinct, ratio};
 use crate::results::{Conventions, FlowVector, Position, read_field};
-use generator::dataset::truth::field::ScenarioFlow;
-use generator::runner::{DatasetPlace, MemoryDataset};
 use microsig_core::render::Context;
 use rayon::prelude::*;
-use scenario::SCENARIO;
+use scenario::ScenarioFlow;
 use schemars::JsonSchema;
 use serde::Deserialize;
-use storage::dataset::{FieldRow, RecordingFacts, Row, TableReader, TrueFlow};
+use storage::dataset::{DatasetInMemory, DatasetPlace, FieldRow, RecordingFacts, Row, TableReader, TrueFlow};
 use storage::error::{Error, Result};
 
 /// True displacements on a grid, one field for each image pair or one for all.
@@ -346,30 +344,22 @@ pub fn from_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields>
 pub fn from_place(dataset: &DatasetPlace) -> Result<TrueFields> {
     match dataset {
         DatasetPlace::Folder(folder) => {
-            Ok(from_dataset(folder, None)?.with_flow(flow_of_dataset(folder, &Context::default())))
+            let flow = ScenarioFlow::of_dataset(folder, &Context::default());
+            Ok(from_dataset(folder, None)?.with_flow(flow))
         }
-        DatasetPlace::Memory(made) => from_memory(made, dataset.facts()?, None),
+        DatasetPlace::Memory(made) => from_memory(&**made, dataset.facts()?, None),
     }
 }
 
 /// The true fields of a dataset in memory, as [`from_rows`], with its flow.
-pub fn from_memory(made: &MemoryDataset, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
+pub fn from_memory(
+    made: &dyn DatasetInMemory,
+    facts: RecordingFacts,
+    plane_um: Option<f64>,
+) -> Result<TrueFields> {
     let what = "this dataset has no true displacement field; score particles";
     let rows = made.field()?.ok_or_else(|| Error::input(what))?;
-    let flow = made.flow().map(|flow| flow.map(|flow| Arc::new(flow) as Arc<dyn TrueFlow>));
-    Ok(from_rows(Source::Memory(&rows), facts, plane_um)?.with_flow(flow))
-}
-
-/// The flow of the scenario in a dataset's folder; `None` without one, as in a recording.
-pub(in super::super) fn flow_of_dataset(
-    dataset: &Path,
-    context: &Context,
-) -> Result<Option<Arc<dyn TrueFlow>>> {
-    if !dataset.join(SCENARIO).exists() {
-        return Ok(None);
-    }
-    let flow = ScenarioFlow::of_dataset(dataset, context)?;
-    Ok(flow.map(|flow| Arc::new(flow) as Arc<dyn TrueFlow>))
+    Ok(from_rows(Source::Memory(&rows), facts, plane_um)?.with_flow(made.flow()))
 }
 
 /// [`from_dataset`] with the facts that its manifest gives.
@@ -477,10 +467,11 @@ fn on_plane(
 #[cfg(test)]
 mod tests {
     use flows::fields::TaylorGreenParams;
-    use generator::dataset::secret::KEY_FILE;
-    use generator::runner::{GenerateOptions, Progress};
+    use generator::runner::{GenerateOptions, MemoryDataset, Progress};
     use generator::setup::{Cloud, Microscope, Recording};
+    use scenario::SCENARIO;
     use scenario::spec::{Gaussian, Sequence, Timing};
+    use storage::dataset::secret::KEY_FILE;
 
     use super::*;
     use crate::evaluate::field::{ScoredField, evaluate};
@@ -566,7 +557,8 @@ mod tests {
     fn correct_vectors_between_the_nodes_have_no_error() {
         for (wavelength_px, decay_s) in [(308.0, STEADY), (154.0, STEADY), (77.0, STEADY), (77.0, 0.02)] {
             let made = vortices(wavelength_px, decay_s, 0.0);
-            let (truth, _) = Truth::from_memory(&made, true, &EvaluateOptions::default()).unwrap();
+            let (truth, _) =
+                Truth::from_memory(&made, made.scenario(), true, &EvaluateOptions::default()).unwrap();
             let scored = evaluate(&truth.fields.unwrap(), &correct(wavelength_px, decay_s, 0.0), 1);
             // Errors of both integrations are below 1e-6 px.
             assert!(rms(&scored).iter().all(|rms| *rms < 1e-5), "{wavelength_px}: {:?}", rms(&scored));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use microsig_core::stream::Streams;
 
-use storage::error::{Error, Result};
+use crate::error::{Error, Result};
 
 /// Name of the file: 64 hexadecimal digits.
 pub const KEY_FILE: &str = "secret_key.txt";
@@ -29,7 +29,7 @@ pub fn streams(dataset: &Path) -> Result<Option<Streams>> {
     if !path.exists() {
         return Ok(None);
     }
-    let text = storage::read_text(&path)?;
+    let text = crate::read_text(&path)?;
     let digits = text.trim_end().as_bytes();
     let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
     let is_valid = digits.len() == 64 && digits.iter().all(u8::is_ascii_hexdigit);

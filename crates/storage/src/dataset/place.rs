@@ -1,6 +1,7 @@
 //! A dataset, wherever it is.
 
 use std::borrow::Cow;
+use std::fmt::Debug;
 use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,12 +9,12 @@ use std::sync::Arc;
 use microsig_core::formats::{data_file, settings_file, tiff};
 use microsig_core::sensor::{Counts, Image};
 use microsig_core::{Particle, Settings};
-use storage::dataset::manifest::Manifest;
-use storage::dataset::{CalibrationRow, RecordingFacts, Row, TableReader};
 
-use super::memory::MemoryDataset;
-use crate::dataset::calibration::CalibrationStack;
-use storage::{Error, Result, input};
+use crate::dataset::manifest::Manifest;
+use crate::dataset::{
+    BoxRow, CalibrationRow, FieldRow, FrameRow, RecordingFacts, Row, TableReader, TrackRow, TrueFlow,
+};
+use crate::{Error, Result, input};
 
 /// The settings of the calibration stacks.
 const SETTINGS: &str = "calibration/settings.txt";
@@ -24,7 +25,40 @@ pub enum DatasetPlace {
     /// Its folder.
     Folder(PathBuf),
     /// In memory.
-    Memory(Arc<MemoryDataset>),
+    Memory(Arc<dyn DatasetInMemory>),
+}
+
+/// A dataset that was generated in memory. Paths are those of its files if it were in a folder.
+pub trait DatasetInMemory: Debug + Send + Sync {
+    /// The manifest, which lists images and tracks only.
+    fn manifest(&self) -> Result<&Manifest>;
+
+    /// The rows of `truth/frames.csv`.
+    fn frames(&self) -> Vec<FrameRow>;
+
+    /// The rows of `truth/tracks.csv`.
+    fn tracks(&self) -> Box<dyn Iterator<Item = &TrackRow> + '_>;
+
+    /// The rows of `truth/boxes.csv`, if the scenario has it.
+    fn boxes(&self) -> Option<Vec<BoxRow>>;
+
+    /// The rows of `truth/field.csv`, if the scenario has it.
+    fn field(&self) -> Result<Option<Vec<FieldRow>>>;
+
+    /// The flow, if the scenario has `truth/field.csv`.
+    fn flow(&self) -> Result<Option<Arc<dyn TrueFlow>>>;
+
+    /// A frame or an image of a calibration stack, by its path.
+    fn image(&self, path: &str) -> Result<Option<Image>>;
+
+    /// The rows of `calibration/calibration.csv`, if there are calibration stacks.
+    fn calibration_rows(&self) -> Result<Option<Vec<CalibrationRow>>>;
+
+    /// The settings of the calibration stacks, if there are any.
+    fn calibration_settings(&self) -> Result<Option<Settings>>;
+
+    /// The particle of a data file of the calibration stacks, by its path.
+    fn calibration_particle(&self, path: &str) -> Result<Option<Particle>>;
 }
 
 impl From<&Path> for DatasetPlace {
@@ -66,6 +100,32 @@ impl DatasetPlace {
         }
     }
 
+    /// The rows of `truth/tracks.csv`, and whether these have numbers of tracks. Where a table has no such column, z is
+    /// NaN, and particles are visible. Errors: a truth that is withheld or unknown; a table that cannot be read; a particle
+    /// without coordinates.
+    pub fn tracks(&self) -> Result<(Vec<TrackRow>, bool)> {
+        let folder = match self {
+            DatasetPlace::Folder(folder) => folder,
+            DatasetPlace::Memory(made) => return Ok((made.tracks().cloned().collect(), true)),
+        };
+        self.facts()?.needs_truth(folder)?;
+        let table = TableReader::open(folder.join(TrackRow::PATH))?;
+        let [has_tracks, has_z, has_visible] =
+            ["track", "z_um", "visible"].map(|name| table.column(name).is_some());
+        let mut rows = Vec::new();
+        table.rows(&["frame", "x_px", "y_px"], |_, row: TrackRow| {
+            if !(row.x_px + row.y_px).is_finite() || (has_z && !row.z_um.is_finite()) {
+                return Err("a particle without coordinates".to_owned());
+            }
+            if i64::try_from(row.track).is_err() {
+                return Err(format!("track = {}: too large", row.track));
+            }
+            rows.push(TrackRow { visible: row.visible || !has_visible, ..row });
+            Ok(())
+        })?;
+        Ok((rows, has_tracks))
+    }
+
     /// A frame or an image of a calibration stack of this size (px), by its path. Errors: an image that does
     /// not exist, cannot be read, or has another size.
     pub fn image(&self, path: &str, size: (u32, u32)) -> Result<Counts> {
@@ -75,7 +135,9 @@ impl DatasetPlace {
                 let file = BufReader::new(input::open(&path)?);
                 Ok(tiff::read_counts(file, &path.display().to_string(), size)?)
             }
-            DatasetPlace::Memory(made) => image_of(made, path).map(|image| image.counts),
+            DatasetPlace::Memory(made) => {
+                made.image(path)?.map(|image| image.counts).ok_or_else(|| missing(path))
+            }
         }
     }
 
@@ -89,7 +151,7 @@ impl DatasetPlace {
                 let counts = tiff::read_counts(Cursor::new(&bytes), &name, (width, height))?;
                 Ok(Image { width, height, bits, counts })
             }
-            DatasetPlace::Memory(made) => image_of(made, path),
+            DatasetPlace::Memory(made) => made.image(path)?.ok_or_else(|| missing(path)),
         }
     }
 
@@ -97,7 +159,7 @@ impl DatasetPlace {
     pub fn has_calibration(&self) -> Result<bool> {
         match self {
             DatasetPlace::Folder(folder) => Ok(folder.join(CalibrationRow::PATH).is_file()),
-            DatasetPlace::Memory(made) => Ok(made.calibration_stack()?.is_some()),
+            DatasetPlace::Memory(made) => Ok(made.calibration_rows()?.is_some()),
         }
     }
 
@@ -114,8 +176,7 @@ impl DatasetPlace {
                 TableReader::open(folder.join(CalibrationRow::PATH))?.rows(needed, each).map(drop)
             }
             DatasetPlace::Memory(made) => {
-                let rows = made.calibration_stack()?.map(CalibrationStack::rows).into_iter().flatten();
-                (2..).zip(rows).try_for_each(|(line, row)| {
+                (2..).zip(made.calibration_rows()?.unwrap_or_default()).try_for_each(|(line, row)| {
                     each(line, row)
                         .map_err(|what| Error::input(format!("{}:{line}: {what}", CalibrationRow::PATH)))
                 })
@@ -136,7 +197,7 @@ impl DatasetPlace {
                     settings_file::read_immersed(input::open(&path)?, &path.display().to_string(), largest)?;
                 Ok(Some(read.settings))
             }
-            DatasetPlace::Memory(made) => Ok(made.calibration_stack()?.map(|stack| stack.settings.clone())),
+            DatasetPlace::Memory(made) => made.calibration_settings(),
         }
     }
 
@@ -151,25 +212,9 @@ impl DatasetPlace {
                 let none = || format!("{name}: no particle; expected that of the calibration image");
                 first.ok_or_else(|| Error::input(none()))
             }
-            DatasetPlace::Memory(made) => {
-                let stack = made.calibration_stack()?;
-                let row =
-                    |stack: &CalibrationStack| stack.rows().iter().position(|row| row.particles == path);
-                let particle = stack.and_then(|stack| stack.particles.get(row(stack)?));
-                particle.copied().ok_or_else(|| missing(path))
-            }
+            DatasetPlace::Memory(made) => made.calibration_particle(path)?.ok_or_else(|| missing(path)),
         }
     }
-}
-
-/// A frame or an image of a calibration stack.
-fn image_of(made: &MemoryDataset, path: &str) -> Result<Image> {
-    if let Some(frame) = made.frame_of(path) {
-        return Ok(made.image(frame));
-    }
-    let stack = made.calibration_stack()?;
-    let row = |stack: &CalibrationStack| stack.rows().iter().position(|row| row.image == path);
-    stack.and_then(|stack| Some(stack.image(row(stack)?))).ok_or_else(|| missing(path))
 }
 
 fn missing(path: &str) -> Error {
