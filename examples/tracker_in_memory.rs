@@ -3,10 +3,10 @@
 #![expect(clippy::print_stdout, reason = "a program")]
 
 use flows::fields::PoiseuilleParams;
-use generator::runner::Progress;
 use generator::setup::{Cloud, Microscope, Recording};
 use scoring::evaluate::{EvaluateOptions, Truth, evaluate_source};
 use scoring::results::Source;
+use storage::Progress;
 use storage::dataset::{Columns, Values};
 
 pub(crate) fn main() -> Result<(), Box<dyn std::error::Error>> {

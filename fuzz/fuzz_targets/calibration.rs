@@ -6,7 +6,8 @@ use std::sync::LazyLock;
 
 use microsig_core::render::Context;
 
-use generator::runner::{GenerateOptions, Progress, generate};
+use generator::runner::{GenerateOptions, generate};
+use storage::Progress;
 
 /// Five depths, so that the stack of the dataset itself is valid.
 const SCENARIO: &str = r#"(

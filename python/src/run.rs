@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
 use bench::cli::printable;
-use generator::runner::{Progress, Reports};
 use microsig_core::cancel::Cancellation;
 use pyo3::exceptions::{
     PyFileExistsError, PyFileNotFoundError, PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError,
@@ -15,6 +14,7 @@ use pyo3::exceptions::{
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use storage::Error;
+use storage::progress::{Progress, Reports};
 
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use generator::runner::Progress;
+use storage::progress::Progress;
 use generator::stream::{Batch, Distribution, Drawn, Flow, LabelOptions, SampleStream, Split, StreamOptions};
 use microsig_core::cancel::Cancellation;
 use numpy::{Element, PyArray1, PyArrayMethods};

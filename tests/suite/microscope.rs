@@ -110,7 +110,7 @@ fn seen(place: &Path, mode: &str, optics: &str, particles: &str) -> f64 {
         out: out.clone(),
         force: true,
         resume: false,
-        progress: generator::runner::Progress::default(),
+        progress: storage::Progress::default(),
     };
     generator::runner::generate(&scenario, &options).unwrap();
     let image = std::fs::read(out.join("images/frame_00000.tif")).unwrap();

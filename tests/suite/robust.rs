@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use generator::runner::Progress;
 use microsig_core::render::Context;
+use storage::Progress;
 use suite::microsig::{binary, fail, path, run, write};
 
 /// Each image takes long enough for an interruption.

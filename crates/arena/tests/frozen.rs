@@ -8,13 +8,14 @@ use std::path::{Path, PathBuf};
 
 use arena::report::{self, Named};
 use arena::suite::ScoreOptions;
-use generator::runner::{GenerateOptions, Progress, SuiteOptions, SuiteSelection, generate, generate_suite};
+use generator::runner::{GenerateOptions, SuiteOptions, SuiteSelection, generate, generate_suite};
 use microsig_core::render::Context;
 use scenario::Size;
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Evaluation, Truth, Versions, evaluate, evaluate_files};
 use scoring::results::{Conventions, Origin, read};
 use serde_json::{Map, Value};
+use storage::Progress;
 use storage::dataset::{PlaneRow, RecordingFacts};
 
 fn data() -> PathBuf {

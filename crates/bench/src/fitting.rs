@@ -5,13 +5,12 @@ use std::path::Path;
 
 use arena::report::{field_page, fit_page};
 use fit::{Astigmatic, FieldFiles, FieldFit, FitFiles, FitOptions, Fitted, Scan, Verdict, WaveOptions};
-use generator::runner::Progress;
 use serde_json::Value;
 use storage::advice;
 use storage::advice::{flag, option};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::{InputFile, OutputFolder};
+use storage::{InputFile, OutputFolder, Progress};
 
 /// A fit of one microscope, or of how its optics vary over the field of view.
 #[derive(Debug)]

@@ -10,7 +10,7 @@ use std::process::Command;
 
 use arena::report::{OnBoth, TrackerScores, TwinAbout, twin_page};
 use fit::StagePositions;
-use generator::runner::{GenerateOptions, Progress, generate};
+use generator::runner::{GenerateOptions, generate};
 use import::{ImportOptions, import};
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::render::Context;
@@ -20,13 +20,13 @@ use scenario::{Assignment, Scenario};
 use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
 use scoring::results::{self, Conventions, TrackerResult};
 use serde::Serialize;
-use storage::InputFile;
 use storage::dataset::manifest::{Manifest, RECORDING};
 use storage::dataset::{
     CalibrationRow, DatasetPlace, FrameRow, PlaneRow, RecordingFacts, Row, ScanParticleRow, TrackRow,
     read_rows,
 };
 use storage::error::{Error, Result};
+use storage::{InputFile, Progress};
 use tracking::{GrayImage, METHODS, TrackOptions, track};
 
 /// The page and the numbers.

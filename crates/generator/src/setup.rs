@@ -34,12 +34,12 @@ use scenario::spec::{
 };
 use scenario::{Scenario, build};
 use storage::dataset::CalibrationRow;
-use storage::{Result, save_bytes};
+use storage::{Progress, Result, save_bytes};
 
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::truth::{FrameTruth, Truth, rendered};
-use crate::runner::{self, MemoryDataset, Progress, camera};
+use crate::runner::{self, MemoryDataset, camera};
 
 /// Optics, camera and measured volume.
 #[derive(Debug, Clone, Default)]

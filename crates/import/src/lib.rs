@@ -30,7 +30,6 @@ use serde::Serialize;
 use correction::Correction;
 use fit::{Given, Scan, StagePositions};
 use frames::Frames;
-use generator::runner::Progress;
 use known::Known;
 use storage::advice;
 use storage::advice::option;
@@ -38,7 +37,7 @@ use storage::argument::input;
 use storage::dataset::manifest::{MANIFEST, NoiseFacts, PlaceFacts};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
-use storage::{InputFile, NumberRange};
+use storage::{InputFile, NumberRange, Progress};
 
 #[derive(Debug, Clone, Args)]
 pub struct ImportOptions {

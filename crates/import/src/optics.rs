@@ -5,7 +5,6 @@
 //! of the model correlate best with the central calibration stack.
 
 use generator::dataset::manifest::{self, wave_facts};
-use generator::runner::Bar;
 use microsig_core::render::Context;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
@@ -13,6 +12,7 @@ use scenario::Scenario;
 use storage::InputFile;
 use storage::dataset::manifest::{OpticsFacts, WaveFacts};
 use storage::error::{Error, Result};
+use storage::progress::Bar;
 use tracking::GrayImage;
 
 use super::stacks::Stacks;

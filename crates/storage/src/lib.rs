@@ -15,6 +15,7 @@ mod lock;
 pub mod memory;
 mod output;
 mod problem;
+pub mod progress;
 pub mod range;
 mod removal;
 pub mod shown;
@@ -27,6 +28,7 @@ pub use file::{Placed, may_write, outside_datasets, save, save_bytes, save_chang
 pub use input::read_text;
 pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_errors, on_interrupt};
 pub use output::OutputFolder;
+pub use progress::Progress;
 pub use range::NumberRange;
 pub use standard::{InputFile, OutputFile, print};
 

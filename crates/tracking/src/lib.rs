@@ -47,7 +47,6 @@ pub use spheroids::weighted_median;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use generator::runner::Progress;
 use glam::DVec3;
 use microsig_core::render::Context;
 use serde::Serialize;
@@ -58,7 +57,7 @@ use storage::advice::{Advice, flag, option};
 use storage::dataset::{Columns, DatasetPlace};
 use storage::error::{Error, Result};
 use storage::range::faults;
-use storage::{NumberRange, OutputFile, advice};
+use storage::{NumberRange, OutputFile, Progress, advice};
 
 /// A tracking method.
 #[derive(Debug)]

@@ -4,12 +4,13 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use anyhow::Context;
-use generator::runner::{GenerateOptions, Progress, generate};
+use generator::runner::{GenerateOptions, generate};
 use image::GrayImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::{Counts, Image};
 use scenario::{self, Assignment, Picture, Scene};
+use storage::Progress;
 use storage::dataset::manifest::MANIFEST;
 
 use suite::picture::{magnified, quantile, side_by_side, stretch};

@@ -46,12 +46,11 @@ use serde::Serialize;
 
 use crate::package::Package;
 use crate::report::FEWEST;
-use generator::runner::{GenerateOptions, Progress, generate};
+use generator::runner::{GenerateOptions, generate};
 use scenario::license::LICENSE;
 use scenario::{Assignment, Scenario};
 use scoring::ranking::ranks_fields;
 use splits::Train;
-use storage::OutputFolder;
 use storage::advice;
 use storage::advice::option;
 use storage::checksums::{self, SHA256SUMS};
@@ -59,6 +58,7 @@ use storage::dataset::manifest::{MANIFEST, ResultKind, ScoringRules};
 use storage::dataset::secret;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, remove_own};
+use storage::{OutputFolder, Progress};
 
 /// Options of a challenge, and of the challenges of a suite.
 #[derive(Debug, Clone, Args)]

@@ -10,11 +10,11 @@ use microsig_core::render::Context;
 use microsig_core::stream::Streams;
 
 use super::ReleaseOptions;
-use generator::runner::Progress;
 use generator::runner::verify;
 use scenario::spec::{Calibration, Motion, Number};
 use scenario::{self, Assignment, Scenario, Split, reseeded, resolve, set, sized};
 use scoring::evaluate::EvaluateOptions;
+use storage::Progress;
 use storage::advice;
 use storage::advice::option;
 use storage::dataset::manifest::{GENERATOR_VERSION, Manifest, ScoringGates, ScoringRules};

@@ -41,9 +41,9 @@ use output::Caller;
 pub use output::{Answer, printable};
 use serde_json::json;
 
-use generator::runner::{Progress, Tables};
 use storage::advice::Advice;
 use storage::error::{Error, Result};
+use storage::progress::{Progress, Tables};
 use storage::table_cache::TableFolder;
 use storage::{clean_up_on_signals, file_size_limits_are_errors};
 

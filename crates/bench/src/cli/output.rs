@@ -9,9 +9,8 @@ use serde_json::Value;
 
 use super::Common;
 use super::options::ProgressStyle;
-use generator::runner::Progress;
-use storage::OutputFile;
 use storage::error::{Error, Result};
+use storage::{OutputFile, Progress};
 
 /// What a verb gives to a program that calls it ([`super::Cli::call`]).
 #[derive(Debug, Default)]

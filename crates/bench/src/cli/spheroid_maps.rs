@@ -3,9 +3,9 @@
 use microsig_core::Spheroid;
 use rayon::prelude::*;
 
-use generator::runner::Progress;
 use scenario::Scenario;
 use scoring::evaluate::crlb::{SpheroidBound, SpheroidBounds};
+use storage::Progress;
 use storage::dataset::{Columns, Values};
 use storage::error::{Error, Result};
 use tracking::ParticleShape;

@@ -16,9 +16,10 @@ use super::server::accept;
 use super::state::App;
 use super::subject::Subject;
 use arena::report;
-use generator::runner::{GenerateOptions, Progress, generate};
+use generator::runner::{GenerateOptions, generate};
 use scenario;
 use scoring::evaluate::{EvaluateOptions, evaluate_files};
+use storage::Progress;
 
 const SCENARIO: &str = r#"(
     name: "small",

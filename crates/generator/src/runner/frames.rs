@@ -11,7 +11,6 @@ use microsig_core::pool::BufferPool;
 use microsig_core::sensor::Image;
 use rayon::prelude::*;
 
-use super::progress::Progress;
 use super::recording::Frames;
 use crate::dataset::truth::{FrameText, FrameTruth, Totals, Truth, TruthWriter};
 use crate::dataset::{Camera, ContactSheet, FileHashes, FrameEntry, frame_paths};
@@ -19,7 +18,7 @@ use scenario::Scenario;
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::folder::Partial;
 use storage::journal::Listing;
-use storage::{Error, OutputFolder, Result};
+use storage::{Error, OutputFolder, Progress, Result};
 
 /// Maximum number of frames in a batch, per thread.
 pub(super) const FRAMES_PER_THREAD: usize = 3;

@@ -9,7 +9,6 @@ use serde::Serialize;
 use super::cost::{Cost, FirstFrames};
 use super::frames;
 use super::plausibility;
-use super::progress::Progress;
 use crate::dataset::manifest;
 use crate::dataset::truth::{Totals, Truth};
 use crate::dataset::{Camera, FileHashes, calibration, card, source, truth};
@@ -19,7 +18,7 @@ use scenario::{SCENARIO, Scenario, write};
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::dataset::manifest::{GENERATOR_VERSION, MANIFEST};
 use storage::folder::{Earlier, FolderClaim, Partial, check_replaceable, partial_name};
-use storage::{Error, Result, advice};
+use storage::{Error, Progress, Result, advice};
 
 /// Options of [`generate`].
 #[derive(Debug, Clone)]

@@ -13,13 +13,13 @@ use rayon::prelude::*;
 use super::cost::Cost;
 use super::frames::{self, in_batches};
 use super::generate::{GenerateOptions, Generated, assemble, camera, folders};
-use super::progress::Progress;
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
 use crate::dataset::manifest::{bit_depth, manifest};
 use crate::dataset::truth::{FrameTruth, Totals, Truth, depth, field, tracks};
 use microsig_core::visibility::DepthScan;
 use scenario::{Scenario, ScenarioFlow};
+use storage::Progress;
 use storage::checksums::Hashing;
 use storage::dataset::manifest::{MANIFEST, Manifest, Resource, resource};
 use storage::dataset::{

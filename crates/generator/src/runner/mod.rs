@@ -5,10 +5,8 @@ mod frames;
 mod generate;
 mod memory;
 mod plausibility;
-mod progress;
 mod recording;
 mod render;
-mod reports;
 mod shard;
 mod suite;
 mod sweep;
@@ -18,10 +16,8 @@ pub use cost::Cost;
 pub(crate) use generate::camera;
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
 pub use memory::{Calibration, MemoryDataset};
-pub use progress::{Bar, Progress, Tables};
 pub use recording::Frames;
 pub use render::{RenderOptions, Rendered, render, render_particles};
-pub use reports::Reports;
 pub use shard::Shard;
 pub use suite::{
     FROZEN, Frozen, FrozenDataset, RECORD, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection,

@@ -13,11 +13,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::cost::ImageTime;
-use super::progress::Progress;
 use crate::dataset::Camera;
 use storage::dataset::manifest::MANIFEST;
 use storage::folder::{Earlier, FolderClaim};
-use storage::{Error, InputFile, OutputFolder, Result, advice, may_write, walk};
+use storage::{Error, InputFile, OutputFolder, Progress, Result, advice, may_write, walk};
 
 /// Options of [`render`].
 #[derive(Debug, Clone)]

@@ -15,14 +15,13 @@ use microsig_core::render::Context;
 use serde::{Deserialize, Serialize};
 
 use super::generate::{GenerateOptions, generate};
-use super::progress::Progress;
 use super::shard::Shard;
 use super::sweep::{Outcome, Swept, attempt, reason, refuse_existing};
 use super::verify::verify;
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
 use storage::checksums::{Fingerprint, SHA256SUMS};
 use storage::dataset::manifest::{MANIFEST, Manifest};
-use storage::{Error, Result, TemporaryFolder, advice, read_text, save_changed};
+use storage::{Error, Progress, Result, TemporaryFolder, advice, read_text, save_changed};
 
 /// The datasets of a suite to work on.
 #[derive(Debug, Clone, Default)]

@@ -13,13 +13,12 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::generate::{GenerateOptions, generate_or_find};
-use super::progress::Progress;
 use super::shard::Shard;
 use scenario::{Case, Scenario, Sweep, resolve};
 use storage::dataset::cases::{BEFORE_AXES, CASES, STATUS};
 use storage::dataset::manifest::{MANIFEST, Manifest};
 use storage::folder::{FolderClaim, is_empty};
-use storage::{Error, Result, advice, read_text, save_bytes, save_changed};
+use storage::{Error, Progress, Result, advice, read_text, save_bytes, save_changed};
 
 /// Options of [`sweep`].
 #[derive(Debug, Clone)]

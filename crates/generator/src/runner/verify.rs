@@ -9,13 +9,12 @@ use microsig_core::render::Context;
 use serde::Serialize;
 
 use super::generate::{GenerateOptions, generate};
-use super::progress::Progress;
 use scenario::{self, Scenario, write};
 use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::dataset::manifest::{MANIFEST, Manifest, RECORDING, Resource, SchemaField, TableSchema};
 use storage::dataset::{Row, TableReader, TrackRow};
 use storage::folder::{files_below, is_partial};
-use storage::{Error, Result, TemporaryFolder, input, read_text};
+use storage::{Error, Progress, Result, TemporaryFolder, input, read_text};
 
 /// Summary of a verification.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

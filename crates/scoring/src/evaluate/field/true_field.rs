@@ -467,10 +467,11 @@ fn on_plane(
 #[cfg(test)]
 mod tests {
     use flows::fields::TaylorGreenParams;
-    use generator::runner::{GenerateOptions, MemoryDataset, Progress};
+    use generator::runner::{GenerateOptions, MemoryDataset};
     use generator::setup::{Cloud, Microscope, Recording};
     use scenario::SCENARIO;
     use scenario::spec::{Gaussian, Sequence, Timing};
+    use storage::Progress;
     use storage::dataset::secret::KEY_FILE;
 
     use super::*;

@@ -1,5 +1,7 @@
 //! Progress with rate and remaining time on standard error: bars on a terminal, otherwise reports.
 
+mod reports;
+
 use std::borrow::Cow;
 use std::io::Write as _;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
@@ -11,9 +13,10 @@ use indicatif::{
 use microsig_core::cancel::Cancellation;
 use microsig_core::render::TableStore;
 
-use super::reports::{Form, Reported, Reports};
-use storage::error::{Error, Result};
-use storage::table_cache::TableFolder;
+use crate::error::{Error, Result};
+use crate::table_cache::TableFolder;
+pub use reports::Reports;
+use reports::{Form, Reported};
 
 /// All bars of the process, stacked.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
@@ -79,7 +82,7 @@ impl Progress {
     }
 
     /// Whether notes are printed: not if nothing is shown, and not for a part of a longer task.
-    pub(crate) fn has_notes(&self) -> bool {
+    pub fn has_notes(&self) -> bool {
         !self.is_part && matches!(self.shown, Shown::Bars | Shown::Reports(_))
     }
 
@@ -91,7 +94,7 @@ impl Progress {
     }
 
     /// Prints a note on standard error, above the bars.
-    pub(crate) fn note(&self, text: &str) {
+    pub fn note(&self, text: &str) {
         if self.has_notes() {
             // A note that cannot be printed does not stop the work.
             let _ = BARS.suspend(|| writeln!(std::io::stderr().lock(), "{text}"));
