@@ -400,6 +400,11 @@ mod tests {
             ("timing: pairs(count: 2),", "", "`timing` is missing"),
             (
                 "timing:",
+                "particles: (diameter_um: uniform(1.5, 2.5)), timing:",
+                "particles.diameter_um.uniform = (1.5, 2.5): expected named values in parentheses, such as (min: ..., max: ...)",
+            ),
+            (
+                "timing:",
                 "boundaries: (z_um: 3), timing:",
                 "boundaries.z_um = 3: expected 2 values in parentheses",
             ),

@@ -303,7 +303,11 @@ impl<'a> Schema<'a> {
             self.words("x-condition").map_or(range.clone(), |condition| format!("{range}; {condition}"))
         };
         match self.kind() {
-            ValueKind::Section => "values in parentheses".to_owned(),
+            ValueKind::Section => {
+                let names: Vec<String> =
+                    self.children().iter().take(2).map(|entry| format!("{}: ...", entry.name)).collect();
+                format!("named values in parentheses, such as ({})", names.join(", "))
+            }
             ValueKind::Choice => one_of(self.children().iter().map(|entry| entry.name.to_owned())),
             ValueKind::List(_) => "a list in square brackets".to_owned(),
             ValueKind::Tuple(items) => format!("{} values in parentheses", items.len()),
