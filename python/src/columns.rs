@@ -59,7 +59,10 @@ pub(crate) fn arrays(py: Python<'_>, columns: Columns) -> PyResult<Bound<'_, PyD
 
 /// A stream of one batch with these columns.
 #[pyfunction]
-fn arrow_stream<'py>(py: Python<'py>, given: Vec<(String, Given<'py>)>) -> PyResult<Bound<'py, PyCapsule>> {
+pub(crate) fn arrow_stream<'py>(
+    py: Python<'py>,
+    given: Vec<(String, Given<'py>)>,
+) -> PyResult<Bound<'py, PyCapsule>> {
     let wrong = |e: arrow_schema::ArrowError| PyValueError::new_err(e.to_string());
     let array = |values| -> ArrayRef {
         match values {
@@ -75,8 +78,4 @@ fn arrow_stream<'py>(py: Python<'py>, given: Vec<(String, Given<'py>)>) -> PyRes
     let stream = FFI_ArrowArrayStream::new(Box::new(reader));
     // A stream that nobody took is released when it is dropped.
     PyCapsule::new_with_value(py, stream, c"arrow_array_stream")
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(arrow_stream, module)?)
 }

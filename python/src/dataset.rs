@@ -151,7 +151,7 @@ impl Made {
 /// The text of a scenario or sweep (a regular file of at most 16 MB, or the name of a shipped one) and the folder
 /// that paths in it are relative to; None: the folder of the shipped files.
 #[pyfunction]
-fn read_scenario(py: Python<'_>, path: PathBuf) -> PyResult<(String, Option<PathBuf>)> {
+pub(crate) fn read_scenario(py: Python<'_>, path: PathBuf) -> PyResult<(String, Option<PathBuf>)> {
     let found = run(py, false, OnInterrupt::Leave, move |_| scenario::ScenarioText::open(&path))?;
     let folder = (!found.is_unpacked()).then(|| found.folder.clone());
     Ok((found.text, folder))
@@ -159,7 +159,7 @@ fn read_scenario(py: Python<'_>, path: PathBuf) -> PyResult<(String, Option<Path
 
 /// Writes the shipped scenarios, and the files that they refer to, into a folder.
 #[pyfunction]
-fn unpack_scenarios(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
+pub(crate) fn unpack_scenarios(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
     run(py, false, OnInterrupt::Leave, move |_| {
         scenario::SHIPPED.extract(&folder).map_err(storage::Error::write(&folder))
     })
@@ -167,7 +167,7 @@ fn unpack_scenarios(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
 
 /// A dataset in memory from a scenario.
 #[pyfunction]
-fn generate(py: Python<'_>, text: ScenarioText, show: Show<'_>) -> PyResult<Made> {
+pub(crate) fn generate(py: Python<'_>, text: ScenarioText, show: Show<'_>) -> PyResult<Made> {
     Made::of(py, show, move || text.resolve())
 }
 
@@ -187,7 +187,7 @@ impl Made {
 
 /// A scenario, every default written out, as [`written`] gives it, and its warnings.
 #[pyfunction]
-fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(Object, String, Vec<String>)> {
+pub(crate) fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(Object, String, Vec<String>)> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let scenario = text.resolve()?;
         let (spec, ron) = written(&scenario)?;
@@ -259,13 +259,16 @@ where
 
 /// The manifest of a dataset's folder.
 #[pyfunction]
-fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<Object> {
+pub(crate) fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<Object> {
     run(py, false, OnInterrupt::Leave, move |_| Object::of(&Manifest::read(&dataset)?))
 }
 
 /// Scenario, as [`written`] gives it, and settings of a dataset's folder.
 #[pyfunction]
-fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(Object, String, Bound<'py, PyDict>)> {
+pub(crate) fn scenario_of<'py>(
+    py: Python<'py>,
+    dataset: PathBuf,
+) -> PyResult<(Object, String, Bound<'py, PyDict>)> {
     let scenario =
         run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset, &tables::context()))?.0;
     let (spec, ron) = written(&scenario).map_err(raise)?;
@@ -275,7 +278,7 @@ fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(Object, Stri
 /// Columns of a table (CSV) in a dataset's folder; `kinds` are the columns' types by name, as in the
 /// manifest.
 #[pyfunction]
-fn read_table<'py>(
+pub(crate) fn read_table<'py>(
     py: Python<'py>,
     path: PathBuf,
     kinds: std::collections::HashMap<String, String>,
@@ -288,7 +291,12 @@ fn read_table<'py>(
 
 /// Images (TIFF) of one size, (frames, rows, columns).
 #[pyfunction]
-fn read_images(py: Python<'_>, paths: Vec<PathBuf>, width: u32, height: u32) -> PyResult<Bound<'_, PyAny>> {
+pub(crate) fn read_images(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    width: u32,
+    height: u32,
+) -> PyResult<Bound<'_, PyAny>> {
     let frames = paths.len();
     let images = run(py, false, OnInterrupt::Leave, move |progress| {
         use rayon::prelude::*;
@@ -308,19 +316,6 @@ fn read_image(path: &Path, size: (u32, u32)) -> storage::Result<Counts> {
 
 /// Copies a dataset.
 #[pyfunction]
-fn copy_dataset(py: Python<'_>, dataset: PathBuf, out: PathBuf, force: bool) -> PyResult<()> {
+pub(crate) fn copy_dataset(py: Python<'_>, dataset: PathBuf, out: PathBuf, force: bool) -> PyResult<()> {
     run(py, false, OnInterrupt::Wait, move |_| generator::dataset::copy(&dataset, &out, force))
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<Made>()?;
-    module.add_function(wrap_pyfunction!(read_scenario, module)?)?;
-    module.add_function(wrap_pyfunction!(unpack_scenarios, module)?)?;
-    module.add_function(wrap_pyfunction!(generate, module)?)?;
-    module.add_function(wrap_pyfunction!(resolve, module)?)?;
-    module.add_function(wrap_pyfunction!(manifest, module)?)?;
-    module.add_function(wrap_pyfunction!(scenario_of, module)?)?;
-    module.add_function(wrap_pyfunction!(read_table, module)?)?;
-    module.add_function(wrap_pyfunction!(read_images, module)?)?;
-    module.add_function(wrap_pyfunction!(copy_dataset, module)?)
 }

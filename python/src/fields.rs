@@ -129,7 +129,7 @@ impl FlowField {
 
 /// The velocity field of a scenario.
 #[pyfunction]
-fn field(py: Python<'_>, text: ScenarioText) -> PyResult<FlowField> {
+pub(crate) fn field(py: Python<'_>, text: ScenarioText) -> PyResult<FlowField> {
     Ok(FlowField(run(py, false, OnInterrupt::Leave, move |_| text.resolve().map(Arc::new))?))
 }
 
@@ -138,7 +138,7 @@ type Offer = (String, String, String, Vec<(String, String, String, String)>);
 
 /// The available fields.
 #[pyfunction]
-fn fields() -> Vec<Offer> {
+pub(crate) fn fields() -> Vec<Offer> {
     let parameter = |p: &flows::params::Parameter| {
         (p.name.to_owned(), p.default_text(), p.allowed(), p.meaning().to_owned())
     };
@@ -147,10 +147,4 @@ fn fields() -> Vec<Offer> {
         (entry.name.to_owned(), entry.formula.to_owned(), entry.source.to_owned(), parameters)
     };
     registry::ENTRIES.iter().map(of).collect()
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<FlowField>()?;
-    module.add_function(wrap_pyfunction!(field, module)?)?;
-    module.add_function(wrap_pyfunction!(fields, module)?)
 }

@@ -17,7 +17,7 @@ use crate::scores::one_of;
 /// Options of a fit.
 #[derive(Debug, Clone, FromPyObject)]
 #[pyo3(from_item_all)]
-struct How {
+pub(crate) struct How {
     magnification: f64,
     pixel_size_um: f64,
     z_step_um: Option<f64>,
@@ -44,21 +44,21 @@ struct How {
 
 /// Positions of particles: a table, or (x, y) of each, px.
 #[derive(Debug, Clone, FromPyObject)]
-enum Places {
+pub(crate) enum Places {
     File(PathBuf),
     Given(Vec<[f64; 2]>),
 }
 
 /// Stage positions of planes: a table, or a position for each, um.
 #[derive(FromPyObject)]
-enum Positions {
+pub(crate) enum Positions {
     File(PathBuf),
     Given(Vec<f64>),
 }
 
 /// A scan: its file or folder, or images (planes, rows, columns).
 #[derive(FromPyObject)]
-enum Images<'py> {
+pub(crate) enum Images<'py> {
     File(PathBuf),
     Bytes(PyReadonlyArray3<'py, u8>),
     Words(PyReadonlyArray3<'py, u16>),
@@ -114,7 +114,7 @@ impl How {
 
 /// A fit, and the name of its scan.
 #[pyclass(frozen, module = "microsig._microsig")]
-struct FittedMicroscope {
+pub(crate) struct FittedMicroscope {
     made: Arc<FittedScan>,
     scan: String,
     /// About the positions of planes and the folder.
@@ -160,7 +160,7 @@ impl FittedMicroscope {
 
 /// Fits a scan. With `out`, the folder is checked before the fit, and written after it.
 #[pyfunction]
-fn fit_scan(
+pub(crate) fn fit_scan(
     py: Python<'_>,
     scan: Images<'_>,
     z: Option<Positions>,
@@ -207,9 +207,4 @@ fn fit_scan(
         }
         Ok(FittedMicroscope { made: Arc::new(made), scan: name, warnings })
     })
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<FittedMicroscope>()?;
-    module.add_function(wrap_pyfunction!(fit_scan, module)?)
 }

@@ -29,16 +29,29 @@ fn command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 
 /// The functions on which `microsig/*.py` is built.
 #[pymodule]
-fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add("__version__", storage::dataset::manifest::GENERATOR_VERSION)?;
-    module.add_function(wrap_pyfunction!(command, module)?)?;
-    module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
-    columns::add(module)?;
-    dataset::add(module)?;
-    render::add(module)?;
-    fields::add(module)?;
-    fit::add(module)?;
-    scores::add(module)?;
-    stream::add(module)?;
-    verbs::add(module)
+mod _microsig {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use super::{
+        columns::arrow_stream,
+        command,
+        dataset::{
+            Made, copy_dataset, generate, manifest, read_images, read_scenario, read_table, resolve,
+            scenario_of, unpack_scenarios,
+        },
+        fields::{FlowField, field, fields},
+        fit::{FittedMicroscope, fit_scan},
+        render::{image_size, read_settings, render},
+        run::set_threads,
+        scores::{Scored, SweepCases, compare, evaluate, methods, sweep, track},
+        stream::{Ahead, Samples},
+        verbs::{call, export, optics, write_stack},
+    };
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", storage::dataset::manifest::GENERATOR_VERSION)?;
+        module.add("PARTICLE_COLUMNS", generator::stream::PARTICLE_COLUMNS.to_vec())
+    }
 }

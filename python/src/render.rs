@@ -21,7 +21,7 @@ use crate::tables;
 /// which `name` is in messages; `rows` are read from a data file.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
-fn render<'py>(
+pub(crate) fn render<'py>(
     py: Python<'py>,
     settings: String,
     name: String,
@@ -89,23 +89,17 @@ fn particles(rows: ArrayView2<'_, f64>) -> storage::Result<Vec<Particle>> {
 
 /// The text of a settings file: a regular file of at most 1 MB.
 #[pyfunction]
-fn read_settings(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+pub(crate) fn read_settings(py: Python<'_>, path: PathBuf) -> PyResult<String> {
     const MAX_BYTES: u64 = 1_000_000;
     run(py, false, OnInterrupt::Leave, move |_| storage::input::read_text_up_to(&path, MAX_BYTES))
 }
 
 /// Width and height that a settings file tells, px.
 #[pyfunction]
-fn image_size(py: Python<'_>, settings: PathBuf) -> PyResult<(u32, u32)> {
+pub(crate) fn image_size(py: Python<'_>, settings: PathBuf) -> PyResult<(u32, u32)> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let file = storage::input::open(&settings)?;
         let read = settings_file::read(file, &settings.display().to_string())?.settings;
         Ok((read.pixel_dim_x, read.pixel_dim_y))
     })
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(render, module)?)?;
-    module.add_function(wrap_pyfunction!(read_settings, module)?)?;
-    module.add_function(wrap_pyfunction!(image_size, module)?)
 }

@@ -24,7 +24,7 @@ use crate::tables;
 /// Options of scoring; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
 #[pyo3(from_item_all)]
-struct How {
+pub(crate) struct How {
     format: Option<String>,
     gate: Option<String>,
     gate_xy_px: Option<f64>,
@@ -95,14 +95,14 @@ impl How {
 
 /// Where a result is: its path, or the columns of a table.
 #[derive(FromPyObject)]
-enum Given<'py> {
+pub(crate) enum Given<'py> {
     File(PathBuf),
     Columns(Vec<(String, columns::Given<'py>)>),
 }
 
 /// A scored result.
 #[pyclass(frozen, module = "microsig._microsig")]
-struct Scored {
+pub(crate) struct Scored {
     score: Score,
     /// Input of paired comparisons.
     units: Arc<UnitScores>,
@@ -149,7 +149,7 @@ impl Scored {
 
 /// Scores a result against the truth of a dataset.
 #[pyfunction]
-fn evaluate(py: Python<'_>, dataset: Place, result: Given<'_>, how: How) -> PyResult<Scored> {
+pub(crate) fn evaluate(py: Python<'_>, dataset: Place, result: Given<'_>, how: How) -> PyResult<Scored> {
     let (file, table) = match result {
         Given::File(path) => (Some(path), Columns::default()),
         Given::Columns(given) => (None, columns(given)),
@@ -174,7 +174,10 @@ fn evaluate(py: Python<'_>, dataset: Place, result: Given<'_>, how: How) -> PyRe
 
 /// The leaderboard of several scores by the names of their trackers: its entries, warnings, text.
 #[pyfunction]
-fn compare(py: Python<'_>, scores: Vec<(String, Py<Scored>)>) -> PyResult<(Object, Vec<String>, String)> {
+pub(crate) fn compare(
+    py: Python<'_>,
+    scores: Vec<(String, Py<Scored>)>,
+) -> PyResult<(Object, Vec<String>, String)> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let named = scores.into_iter().map(|(name, scored)| {
             let Scored { score, units } = scored.get();
@@ -187,7 +190,7 @@ fn compare(py: Python<'_>, scores: Vec<(String, Py<Scored>)>) -> PyResult<(Objec
 
 /// An aspect ratio: a number, or `common` or `each`.
 #[derive(FromPyObject)]
-enum Aspect {
+pub(crate) enum Aspect {
     Given(f64),
     Named(String),
 }
@@ -195,7 +198,7 @@ enum Aspect {
 /// Tracks a dataset by options within their ranges; gives the columns of the result and the warnings.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
-fn track<'py>(
+pub(crate) fn track<'py>(
     py: Python<'py>,
     dataset: Place,
     method: String,
@@ -237,13 +240,13 @@ fn track<'py>(
 
 /// Name and description of every tracking method.
 #[pyfunction]
-fn methods() -> Vec<(&'static str, &'static str)> {
+pub(crate) fn methods() -> Vec<(&'static str, &'static str)> {
     METHODS.iter().map(|method| (method.name, method.about)).collect()
 }
 
 /// The cases of a sweep.
 #[pyclass(frozen, module = "microsig._microsig")]
-struct SweepCases {
+pub(crate) struct SweepCases {
     sweep: Sweep,
     /// Folder to which files of the base scenario are relative.
     inputs: PathBuf,
@@ -278,7 +281,7 @@ impl SweepCases {
 
 /// Reads a sweep.
 #[pyfunction]
-fn sweep(
+pub(crate) fn sweep(
     py: Python<'_>,
     text: String,
     name: String,
@@ -290,14 +293,4 @@ fn sweep(
     let base = folder.join(&sweep.spec.base);
     let inputs = base.parent().map_or(folder, std::path::Path::to_owned);
     Ok(SweepCases { sweep, inputs })
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<Scored>()?;
-    module.add_class::<SweepCases>()?;
-    module.add_function(wrap_pyfunction!(evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(compare, module)?)?;
-    module.add_function(wrap_pyfunction!(track, module)?)?;
-    module.add_function(wrap_pyfunction!(methods, module)?)?;
-    module.add_function(wrap_pyfunction!(sweep, module)?)
 }

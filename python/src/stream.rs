@@ -55,7 +55,7 @@ fn distribution((name, numbers, values): DistributionParts) -> storage::Result<D
 
 /// A stream of samples.
 #[pyclass(frozen, module = "microsig._microsig")]
-struct Samples(Arc<SampleStream>);
+pub(crate) struct Samples(Arc<SampleStream>);
 
 #[pymethods]
 impl Samples {
@@ -186,7 +186,7 @@ struct Parts {
 
 /// Batches that are computed ahead.
 #[pyclass(frozen, module = "microsig._microsig")]
-struct Ahead {
+pub(crate) struct Ahead {
     process: u32,
     stream: Arc<SampleStream>,
     stop: Cancellation,
@@ -272,10 +272,4 @@ fn arrays<'py>(py: Python<'py>, stream: &SampleStream, batch: Batch) -> PyResult
         put(&dict, "clean", batch.clean, &[n, frames, height, width])?;
     }
     Ok(dict)
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<Samples>()?;
-    module.add_class::<Ahead>()?;
-    module.add("PARTICLE_COLUMNS", generator::stream::PARTICLE_COLUMNS.to_vec())
 }

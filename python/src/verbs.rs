@@ -23,14 +23,14 @@ type Said = (Option<Object>, String, Vec<String>, Vec<String>);
 
 /// Runs a verb; `arguments` begin with the program's name.
 #[pyfunction]
-fn call(py: Python<'_>, arguments: Vec<OsString>, show: Show<'_>) -> PyResult<Said> {
+pub(crate) fn call(py: Python<'_>, arguments: Vec<OsString>, show: Show<'_>) -> PyResult<Said> {
     let answer = run(py, show, OnInterrupt::Wait, move |progress| Cli::call(&arguments, progress.clone()))?;
     Ok((answer.result.map(Object), answer.text, answer.warnings, answer.failures))
 }
 
 /// The particle images of a scenario's optics over depth: as an object, as text, as a picture (SVG); warnings.
 #[pyfunction]
-fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String, Vec<String>)> {
+pub(crate) fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String, Vec<String>)> {
     run(py, false, OnInterrupt::Wait, move |_| {
         let scenario = of.resolve()?;
         let found = Optics::of(&scenario)?;
@@ -43,7 +43,7 @@ fn optics(py: Python<'_>, of: ScenarioText) -> PyResult<(Object, String, String,
 /// Writes truth or images of a dataset in the format of another program.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
-fn export(
+pub(crate) fn export(
     py: Python<'_>,
     dataset: Place,
     out: PathBuf,
@@ -71,7 +71,7 @@ fn export(
 
 /// Writes images (uint16 or float32) at equally or unequally spaced depths (um) as the pages of a TIFF file.
 #[pyfunction]
-fn write_stack(
+pub(crate) fn write_stack(
     py: Python<'_>,
     path: PathBuf,
     images: Images<'_>,
@@ -107,7 +107,7 @@ fn write_stack(
 
 /// Images as an array.
 #[derive(FromPyObject)]
-enum Images<'py> {
+pub(crate) enum Images<'py> {
     Whole(PyReadonlyArray3<'py, u16>),
     Unrounded(PyReadonlyArray3<'py, f32>),
 }
@@ -115,11 +115,4 @@ enum Images<'py> {
 fn shape<T: numpy::Element>(of: &PyReadonlyArray3<'_, T>) -> [usize; 3] {
     let (pages, rows, columns) = of.as_array().dim();
     [pages, rows, columns]
-}
-
-pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(call, module)?)?;
-    module.add_function(wrap_pyfunction!(optics, module)?)?;
-    module.add_function(wrap_pyfunction!(export, module)?)?;
-    module.add_function(wrap_pyfunction!(write_stack, module)?)
 }
