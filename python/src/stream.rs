@@ -6,7 +6,6 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use storage::progress::Progress;
 use generator::stream::{Batch, Distribution, Drawn, Flow, LabelOptions, SampleStream, Split, StreamOptions};
 use microsig_core::cancel::Cancellation;
 use numpy::{Element, PyArray1, PyArrayMethods};
@@ -15,6 +14,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::ThreadPool;
 use scenario::Literal;
+use storage::progress::Progress;
 
 use crate::dataset::ScenarioText;
 use crate::object::Object;

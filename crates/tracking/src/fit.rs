@@ -22,7 +22,7 @@ pub(super) struct Residual {
 }
 
 /// A fitted particle; brightness relative to the template's.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct ParticleFit {
     /// Index of its size among the calibrated particle sizes.
     pub(super) size: usize,
@@ -125,19 +125,7 @@ impl ParticleFit {
     ) -> Option<ParticleFit> {
         let radius = images.radius_px(z_um, 3.0 * step_um);
         let [low, high] = images.depths_um();
-        let mut best = ParticleFit {
-            size: 0,
-            at,
-            z_um,
-            other_z_um: None,
-            other: None,
-            amplitude: 0.0,
-            chi2_reduction: 0.0,
-            correlation: 0.0,
-            misfit: 1.0,
-            deviations: None,
-            d_um: None,
-        };
+        let mut best = ParticleFit { at, z_um, ..ParticleFit::default() };
         let (mut next, mut damping) = (best, 1e-3f64);
         let mut normal = (DMat4::ZERO, DVec4::ZERO);
         for k in 0..MAX_ITERATIONS {

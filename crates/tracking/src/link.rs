@@ -32,15 +32,6 @@ struct Track {
     velocity: Option<[f64; 3]>,
 }
 
-/// A possible link of a track.
-struct Step {
-    /// Squared distance from the expected position, px^2.
-    squared: f64,
-    /// The points that it connects, on those sides of the focus on which they are closest.
-    from: Localization,
-    to: Localization,
-}
-
 impl Track {
     fn expected(&self, frame: usize) -> [f64; 3] {
         let ahead = (frame - self.last_frame) as f64;
@@ -49,8 +40,10 @@ impl Track {
         std::array::from_fn(|i| last[i] + ahead * v[i])
     }
 
-    fn step(&self, frame: usize, point: &Localization, um_per_px: f64) -> Step {
-        let mut best = Step { squared: f64::INFINITY, from: self.last, to: *point };
+    /// The squared distance of a point from the expected position, px^2, and the last point and this one, on those sides of
+    /// the focus on which it is least.
+    fn step(&self, frame: usize, point: &Localization, um_per_px: f64) -> (f64, [Localization; 2]) {
+        let mut best = (f64::INFINITY, [self.last, *point]);
         // On the other side of the focus, depth changes the other way.
         for (from, sign) in self.last.sides().zip([1.0, -1.0]) {
             let velocity = self.velocity.map(|[x, y, z]| [x, y, sign * z]);
@@ -59,8 +52,8 @@ impl Track {
                 let at = place(&to);
                 let dz = (at[2] - z) / um_per_px;
                 let squared = (at[0] - x).powi(2) + (at[1] - y).powi(2) + dz * dz;
-                if squared < best.squared {
-                    best = Step { squared, from, to };
+                if squared < best.0 {
+                    best = (squared, [from, to]);
                 }
             }
         }
@@ -92,7 +85,7 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
             let [x, y, _] = track.expected(frame);
             let first = candidates.len();
             grid.around([x, y], |column| {
-                let squared = track.step(frame, &found[column as usize], um_per_px).squared;
+                let squared = track.step(frame, &found[column as usize], um_per_px).0;
                 if squared < limit {
                     candidates.push(Pair { row: row as u32, column, value: 2.0 * limit - squared });
                 }
@@ -107,7 +100,7 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
             let id = match track {
                 Some(k) => {
                     let track = &mut tracks[k];
-                    let Step { from, to, .. } = track.step(frame, point, um_per_px);
+                    let (_, [from, to]) = track.step(frame, point, um_per_px);
                     let ahead = (frame - track.last_frame) as f64;
                     let moved: [f64; 3] = std::array::from_fn(|i| (place(&to)[i] - place(&from)[i]) / ahead);
                     (track.velocity, track.last, track.last_frame) = (Some(moved), to, frame);

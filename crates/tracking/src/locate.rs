@@ -106,7 +106,7 @@ impl<I: ParticleImages> Locator<I> {
     /// a frame.
     pub(super) fn new(sizes: Vec<(Templates, I)>, error: f32, noise: PixelNoise) -> Self {
         let (templates, images): (Vec<Templates>, Vec<I>) = sizes.into_iter().unzip();
-        Locator::searching(&[templates], None, images, error, noise)
+        Locator::over_field(vec![templates], FieldPlaces::new(Vec::new()), images, error, noise)
     }
 
     /// For each place of the field of view, templates of each size for the search nearby; and images of each
@@ -119,18 +119,8 @@ impl<I: ParticleImages> Locator<I> {
         noise: PixelNoise,
     ) -> Self {
         let places = (templates.len() > 1).then_some(places);
-        Locator::searching(&templates, places, images, error, noise)
-    }
-
-    fn searching(
-        templates: &[Vec<Templates>],
-        places: Option<FieldPlaces>,
-        images: Vec<I>,
-        error: f32,
-        noise: PixelNoise,
-    ) -> Self {
         let step_um = templates.iter().flatten().map(Templates::step_um).fold(f64::INFINITY, f64::min);
-        let coarse = Coarse::new(templates, places, noise);
+        let coarse = Coarse::new(&templates, places, noise);
         Locator {
             images,
             error,

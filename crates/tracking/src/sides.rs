@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 
+use super::Localization;
 use super::denoise::PixelNoise;
 use super::output::Row;
 use super::shape_fit::LEAST_LIKELIHOOD;
@@ -85,7 +86,12 @@ pub(super) fn choose(rows: &mut [Row], reach_um: f64) {
     let mut tracks: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
     rows.iter().enumerate().for_each(|(k, row)| tracks.entry(row.track).or_default().push(k));
     for track in tracks.into_values() {
-        let points: Vec<_> = track.iter().map(|k| depths_and_costs(&rows[*k])).collect();
+        let sides = |k: &usize| -> Sides {
+            let Localization { z_um, other, .. } = rows[*k].found;
+            let z_um = z_um.unwrap_or_default();
+            [(z_um, 0.0), other.map_or((z_um, f64::INFINITY), |other| (other.z_um, other.cost))]
+        };
+        let points: Vec<_> = track.iter().map(sides).collect();
         let forward = costs(points.iter(), reach_um);
         let backward = costs(points.iter().rev(), reach_um).into_iter().rev();
         for (((k, own), before), after) in track.into_iter().zip(&points).zip(forward).zip(backward) {
@@ -104,16 +110,13 @@ pub(super) fn choose(rows: &mut [Row], reach_um: f64) {
     }
 }
 
-/// Depth, and -2 ln of the likelihood, on this side of the focus and on the other.
-fn depths_and_costs(row: &Row) -> [(f64, f64); 2] {
-    let z_um = row.found.z_um.unwrap_or_default();
-    [(z_um, 0.0), row.found.other.map_or((z_um, f64::INFINITY), |other| (other.z_um, other.cost))]
-}
+/// Depth of a point, and -2 ln of its likelihood, on this side of the focus and on the other.
+type Sides = [(f64, f64); 2];
 
 /// The least cost of a way through all points up to each of them, which is on this side of the focus or on the other.
-fn costs<'a>(points: impl Iterator<Item = &'a [(f64, f64); 2]>, reach_um: f64) -> Vec<[f64; 2]> {
-    let mut before: Option<(&[(f64, f64); 2], [f64; 2])> = None;
-    let up_to = |point: &'a [(f64, f64); 2]| {
+fn costs<'a>(points: impl Iterator<Item = &'a Sides>, reach_um: f64) -> Vec<[f64; 2]> {
+    let mut before: Option<(&Sides, [f64; 2])> = None;
+    let up_to = |point: &'a Sides| {
         let cost = point.map(|(z_um, own)| {
             let Some((from, costs)) = before else { return own };
             let jump = |side: usize| if (from[side].0 - z_um).abs() > reach_um { JUMP } else { 0.0 };
@@ -127,8 +130,8 @@ fn costs<'a>(points: impl Iterator<Item = &'a [(f64, f64); 2]>, reach_um: f64) -
 
 #[cfg(test)]
 mod tests {
+    use super::super::OtherSide;
     use super::super::gray_image::GrayImage;
-    use super::super::{Localization, OtherSide};
     use super::*;
 
     /// Spots that grow on both sides of a focus, and on one side are rings with this share of their light.

@@ -58,8 +58,7 @@ pub fn parse_units(text: &str) -> std::result::Result<UnitScores, String> {
 /// Errors: every problem in it.
 pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
     let value: Value = serde_json::from_str(text).map_err(|e| vec![e.to_string()])?;
-    let score: Score =
-        serde_path_to_error::deserialize(&value).map_err(|e| vec![mistyped(&value, &e)])?;
+    let score: Score = serde_path_to_error::deserialize(&value).map_err(|e| vec![mistyped(&value, &e)])?;
     if score.definitions.versions.microsig.is_empty() {
         return Err(vec![
             "definitions.versions.microsig is missing: not a score file of microsig evaluate".to_owned(),

@@ -75,16 +75,13 @@ fn quantities(component: Option<usize>) -> Vec<Quantity> {
         ("rms_nodes_px", "median error of v, px", |s| s.field.as_ref()?.main.v.median_abs_px),
         ("rms_nodes_px", "share of outliers", |s| s.field.as_ref()?.main.outlier_fraction),
     ];
+    let quantity = |title: String, of: Box<Reading>| Quantity { title, bars: None, of };
     let shown = SCORES.iter().enumerate().filter(move |(_, def)| def.is_headline && is_other(def.name));
     let scores = shown.flat_map(move |(index, def)| {
-        let score =
-            Quantity { title: def.title(), bars: None, of: Box::new(move |s: Scored<'_>| s.0.score(index)) };
+        let score = quantity(def.title(), Box::new(move |s| s.0.score(index)));
         let beside = robust.into_iter().filter(|(name, ..)| *name == def.name);
-        let beside = beside.map(|(_, title, of)| Quantity {
-            title: title.to_owned(),
-            bars: None,
-            of: Box::new(move |s: Scored<'_>| (of(&s.1), None)),
-        });
+        let beside =
+            beside.map(|(_, title, of)| quantity(title.to_owned(), Box::new(move |s| (of(&s.1), None))));
         std::iter::once(score).chain(beside).collect::<Vec<_>>()
     });
     let bias = component.map(|k| Quantity {
@@ -224,15 +221,18 @@ fn short_value(text: &str, all: &[String]) -> String {
             .filter(|part| !part.is_empty())
             .collect()
     };
-    let shared = |part: &String| all.len() > 1 && all.iter().all(|other| parts(other).contains(part));
-    // `Some(lens(...))` and `None` share nothing: what the others share is left out, too.
-    let longest = |part: &String| {
-        let alike = all.iter().filter(|other| parts(other).len() > 1).collect::<Vec<_>>();
-        alike.len() > 1 && parts(text).len() > 1 && alike.iter().all(|other| parts(other).contains(part))
+    // `lens(...)` and `None` share nothing: what those with several parts share is left out.
+    let alike: Vec<_> = all.iter().map(|other| parts(other)).filter(|parts| parts.len() > 1).collect();
+    let is_own = |part: &String| {
+        parts(text).len() < 2 || alike.len() < 2 || alike.iter().any(|other| !other.contains(part))
     };
-    let is_own = |part: &String| !shared(part) && !longest(part);
-    let own: Vec<String> = parts(text).into_iter().filter(is_own).map(|part| in_words(&part)).collect();
-    if own.is_empty() { text.to_owned() } else { own.join(", ") }
+    let own: Vec<String> = parts(text).into_iter().filter(is_own).collect();
+    // `count(2)` is clear as it is.
+    let is_whole = own.len() > 1 && own.len() == parts(text).len() && !text.contains(':');
+    if own.is_empty() || is_whole {
+        return text.to_owned();
+    }
+    own.iter().map(|part| in_words(part)).collect::<Vec<_>>().join(", ")
 }
 
 /// The scores over one of the parameters.

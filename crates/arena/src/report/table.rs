@@ -571,27 +571,24 @@ mod tests {
     fn five_lines_say_how_good_a_result_is_and_that_overlap_explains_it() {
         let bin =
             |to: f64, n_true: usize, tp: usize| Bin { from: to - 0.1, to, n_true, tp, ..Bin::default() };
-        let curve = |hard: usize| Curve {
-            against: "overlap".to_owned(),
-            bins: vec![bin(0.1, 10, 10), bin(0.2, 10, 9), bin(0.3, 40, hard), bin(0.4, 40, hard)],
-        };
-        let with = |curve: Curve| {
+        let crowded =
+            |hard: usize| vec![bin(0.1, 10, 10), bin(0.2, 10, 9), bin(0.3, 40, hard), bin(0.4, 40, hard)];
+        let of = |bins: Vec<Bin>| {
             let detection = Detection { tp: 3, missed: 1, recall: Some(0.75), ..Detection::default() };
-            summary(&Score { detection: Some(detection), curves: vec![curve], ..Score::default() })
+            let curves = vec![Curve { against: "overlap".to_owned(), bins }];
+            summary(&Score { detection: Some(detection), curves, ..Score::default() })
         };
-        let of = |hard: usize| with(curve(hard));
-        let said = of(4);
+        let said = of(crowded(4));
         assert!(said.contains("found      3 of 4  recall 0.7500"), "{said}");
         assert!(said.contains("80 % of the particles share more than 0.2"), "{said}");
         assert!(said.contains("recall 0.10 of") && said.contains("0.95 of the others"), "{said}");
         assert!(
-            !of(38).contains("overlap")
+            !of(crowded(38)).contains("overlap")
                 && said.lines().count() <= 6
                 && said.lines().all(|l| l.len() <= WIDTH),
             "{said}"
         );
         // One of the 62 misses.
-        let bins = vec![bin(0.1, 479, 418), bin(0.3, 1, 0)];
-        assert!(!with(Curve { bins, ..curve(0) }).contains("overlap"));
+        assert!(!of(vec![bin(0.1, 479, 418), bin(0.3, 1, 0)]).contains("overlap"));
     }
 }

@@ -422,12 +422,8 @@ fn result(
     tracker: String,
     evaluation: &std::result::Result<Option<Evaluation>, String>,
 ) -> CaseResult {
-    let none = |status, reason| CaseResult {
-        tracker: tracker.clone(),
-        status,
-        reason,
-        ..CaseResult::default()
-    };
+    let none =
+        |status, reason| CaseResult { tracker: tracker.clone(), status, reason, ..CaseResult::default() };
     let evaluation = match evaluation {
         Ok(Some(evaluation)) => evaluation,
         Ok(None) => return none(Status::Missing, None),

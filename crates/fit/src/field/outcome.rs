@@ -119,10 +119,7 @@ impl FieldFit {
             self.verdict,
             [self.chi2_of_field, self.excess_sd, self.r2_of_signal],
         );
-        match self.verdict {
-            Verdict::NotDescribed => conclusion + ASSUMPTIONS,
-            _ => conclusion,
-        }
+        if self.verdict == Verdict::NotDescribed { conclusion + ASSUMPTIONS } else { conclusion }
     }
 }
 

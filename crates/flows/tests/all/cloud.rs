@@ -62,7 +62,8 @@ fn snapshots(
 ) -> Vec<Frame> {
     let scene = Scene::new(field, domain, seeding).unwrap();
     let last = indices.iter().copied().max().unwrap();
-    let sequence = scene.record(&times(last + 1, DT_S), Streams::new(seed), RecordingStart::default()).unwrap();
+    let sequence =
+        scene.record(&times(last + 1, DT_S), Streams::new(seed), RecordingStart::default()).unwrap();
     sequence.map(Result::unwrap).filter(|frame| indices.contains(&frame.index)).collect()
 }
 

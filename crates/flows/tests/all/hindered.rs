@@ -27,8 +27,7 @@ fn seeding(factor: f64) -> Seeding {
 fn deviation(mut shares: Vec<f64>) -> f64 {
     shares.sort_by(f64::total_cmp);
     let n = shares.len() as f64;
-    let far =
-        shares.iter().enumerate().map(|(i, s)| ((i as f64 + 0.5) / n - s).abs()).fold(0.0, f64::max);
+    let far = shares.iter().enumerate().map(|(i, s)| ((i as f64 + 0.5) / n - s).abs()).fold(0.0, f64::max);
     far * n.sqrt()
 }
 

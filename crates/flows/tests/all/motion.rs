@@ -6,8 +6,8 @@ use flows::fields::{
     SourceParams, SourceShape,
 };
 use flows::{
-    Axis, Body, Boundary, Diameters, Domain, FluidRegion, Frame, Intensities, Orientation, Region, Scene, Seeding,
-    Settling, SpheroidFriction, Spheroids, VelocityField,
+    Axis, Body, Boundary, Diameters, Domain, FluidRegion, Frame, Intensities, Orientation, Region, Scene,
+    Seeding, Settling, SpheroidFriction, Spheroids, VelocityField,
 };
 use glam::DVec3;
 use std::f64::consts::PI;
