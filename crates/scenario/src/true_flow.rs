@@ -78,7 +78,7 @@ pub struct ScenarioFlow {
 impl ScenarioFlow {
     /// The flow of a scenario; `None` if it has no true field. `scan` belongs to the mean diameter
     /// ([`Scenario::scan_of_mean`]), which is made if it is needed.
-    pub fn new(scenario: Arc<Scenario>, scan: Option<&DepthScan>) -> Result<Option<Arc<dyn TrueFlow>>> {
+    pub fn of(scenario: Arc<Scenario>, scan: Option<&DepthScan>) -> Result<Option<Arc<dyn TrueFlow>>> {
         let Some((nodes, field)) = scenario.truth_grid().zip(scenario.field()) else { return Ok(None) };
         let depths = match scan {
             _ if nodes.weighting == Weighting::None => Vec::new(),
@@ -95,7 +95,7 @@ impl ScenarioFlow {
         if !dataset.join(SCENARIO).exists() {
             return Ok(None);
         }
-        ScenarioFlow::new(Arc::new(of_dataset(dataset, context)?.0), None)
+        ScenarioFlow::of(Arc::new(of_dataset(dataset, context)?.0), None)
     }
 }
 

@@ -251,7 +251,7 @@ impl DatasetInMemory for MemoryDataset {
     }
 
     fn flow(&self) -> Result<Option<Arc<dyn TrueFlow>>> {
-        ScenarioFlow::new(Arc::clone(&self.scenario), Some(self.scan()?))
+        ScenarioFlow::of(Arc::clone(&self.scenario), Some(self.scan()?))
     }
 
     fn image(&self, path: &str) -> Result<Option<Image>> {
