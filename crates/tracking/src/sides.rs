@@ -1,4 +1,5 @@
-//! Whether images above and below the focus can be distinguished in the noise of a frame.
+//! Whether images above and below the focus can be distinguished in the noise of a frame, and on which side the points
+//! of a track are.
 //!
 //! With a spherical lens, images at two depths on either side of the focus resemble each other. For images `a` and `b`
 //! of known brightness and Gaussian noise, the more likely one is the wrong one with probability `Phi(-d / 2)`, where
