@@ -312,7 +312,7 @@ fn mixtures_of_sizes_are_tracked_with_a_stack_for_each() {
     assert_tracks(&score(folder.path(), "mle"), "mle", [0.95, 0.9, 0.1, 0.01]);
 
     let alone = tempfile::tempdir().unwrap();
-    let file = write(alone.path(), "one.ron", &mixed("calibration: sizes(diameters_um: [2.75]),"));
+    let file = write(alone.path(), "one.ron", mixed("calibration: sizes(diameters_um: [2.75]),"));
     let out = alone.path().join("dataset");
     let said = told(&["generate", path(&file), "--out", path(&out)]);
     assert!(

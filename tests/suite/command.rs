@@ -118,7 +118,7 @@ fn an_interrupted_run_goes_on_with_resume_only() {
         assert!(message.contains("images/notes.txt") && notes.exists(), "{message}");
     }
     std::fs::remove_file(notes).unwrap();
-    let other = write(place.path(), "other.ron", &text.replace("count(4)", "count(5)"));
+    let other = write(place.path(), "other.ron", text.replace("count(4)", "count(5)"));
     let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
     assert!(message.contains("another scenario"), "{message}");
 
@@ -187,7 +187,7 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
         ("count: 2", "count: two", "scenario.ron:6:"),
         ("\"small\"", "\"../small\"", "name = `../small`"),
     ] {
-        let scenario = write(place.path(), "scenario.ron", &SCENARIO.replace(from, to));
+        let scenario = write(place.path(), "scenario.ron", SCENARIO.replace(from, to));
         let out = place.path().join("dataset");
         let message = fail(2, &["generate", path(&scenario), "--out", path(&out)]);
         assert!(message.contains(expected), "{to}: {message}");

@@ -245,7 +245,7 @@ fn wrong_motion_and_light_name_what_is_wrong() {
     let good = "motion: flow(field: poiseuille()), particles: (number: count(2)), timing: pairs(count: 1)";
     for line in REFUSED.trim().lines() {
         let [from, to, expected] = line.split(" => ").collect::<Vec<_>>()[..] else { panic!("{line}") };
-        let file = write(place.path(), "wrong.ron", &scenario("wrong", &good.replace(from, to)));
+        let file = write(place.path(), "wrong.ron", scenario("wrong", &good.replace(from, to)));
         let message = fail(2, &["generate", path(&file), "--dry-run"]);
         assert!(message.contains(expected), "{to}: {message}");
     }

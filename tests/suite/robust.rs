@@ -30,7 +30,7 @@ fn limited(limit: &str, arguments: &[&str]) -> (Option<i32>, String) {
 #[test]
 fn what_cannot_be_written_is_said_and_leaves_no_result() {
     let place = tempfile::tempdir().unwrap();
-    let scenario = write(place.path(), "base.ron", &SCENARIO.replace("count: 40", "count: 2"));
+    let scenario = write(place.path(), "base.ron", SCENARIO.replace("count: 40", "count: 2"));
     let sweep = r#"(name: "s", base: "base.ron", axes: [(path: "seed", values: list([1, 2]))])"#;
     let sweep = write(place.path(), "sweep.ron", sweep);
     let dataset = place.path().join("dataset");
@@ -87,7 +87,7 @@ fn small(place: &Path) -> PathBuf {
     let mut settings = Vec::new();
     microsig_core::formats::settings_file::write(&mut settings, &microsig_core::Settings::setting1())
         .unwrap();
-    write(place, "own.txt", &String::from_utf8(settings).unwrap());
+    write(place, "own.txt", String::from_utf8(settings).unwrap());
     write(place, "places.txt", "20 15 -25 2\n5 5 -28 2\n");
     let scenario = write(place, "scenario.ron", text);
     let dataset = place.join("dataset");
