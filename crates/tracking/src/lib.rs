@@ -276,11 +276,6 @@ impl Localization {
         };
         Some(Localization { x_px, y_px, z_um: Some(z_um), deviations, other: Some(here), ..*self })
     }
-
-    /// The particle on this side of the focus, then on the other if it may be there.
-    fn sides(&self) -> impl Iterator<Item = Self> {
-        std::iter::once(*self).chain(self.on_other_side())
-    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -40,16 +40,17 @@ impl Track {
         std::array::from_fn(|i| last[i] + ahead * v[i])
     }
 
-    /// The squared distance of a point from the expected position, px^2, and the last point and this one, on those sides of
-    /// the focus on which it is least.
-    fn step(&self, frame: usize, point: &Localization, um_per_px: f64) -> (f64, [Localization; 2]) {
-        let mut best = (f64::INFINITY, [self.last, *point]);
-        // On the other side of the focus, depth changes the other way.
-        for (from, sign) in self.last.sides().zip([1.0, -1.0]) {
-            let velocity = self.velocity.map(|[x, y, z]| [x, y, sign * z]);
-            let [x, y, z] = Track { last: from, velocity, ..*self }.expected(frame);
-            for to in point.sides() {
-                let at = place(&to);
+    /// The squared distance of a point from the expected position, px^2, and the sides of the focus of the last point and of
+    /// this one on which it is least: 0 as found, 1 the other.
+    fn step(&self, frame: usize, point: &Localization, um_per_px: f64) -> (f64, [usize; 2]) {
+        let ahead = (frame - self.last_frame) as f64;
+        let [u, v, w] = self.velocity.unwrap_or_default();
+        let mut best = (f64::INFINITY, [0, 0]);
+        for (from, at) in places(&self.last).enumerate() {
+            // On the other side of the focus, depth changes the other way.
+            let w = if from == 0 { w } else { -w };
+            let [x, y, z] = [at[0] + ahead * u, at[1] + ahead * v, at[2] + ahead * w];
+            for (to, at) in places(point).enumerate() {
                 let dz = (at[2] - z) / um_per_px;
                 let squared = (at[0] - x).powi(2) + (at[1] - y).powi(2) + dz * dz;
                 if squared < best.0 {
@@ -59,6 +60,12 @@ impl Track {
         }
         best
     }
+}
+
+/// Where a particle is, then where it is if it is on the other side of the focus.
+fn places(found: &Localization) -> impl Iterator<Item = [f64; 3]> {
+    let other = found.other.map(|other| [other.at[0], other.at[1], other.z_um]);
+    std::iter::once(place(found)).chain(other)
 }
 
 fn place(found: &Localization) -> [f64; 3] {
@@ -100,7 +107,11 @@ pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool
             let id = match track {
                 Some(k) => {
                     let track = &mut tracks[k];
-                    let (_, [from, to]) = track.step(frame, point, um_per_px);
+                    let (_, sides) = track.step(frame, point, um_per_px);
+                    let on = |found: Localization, side: usize| {
+                        if side == 0 { found } else { found.on_other_side().unwrap_or(found) }
+                    };
+                    let (from, to) = (on(track.last, sides[0]), on(*point, sides[1]));
                     let ahead = (frame - track.last_frame) as f64;
                     let moved: [f64; 3] = std::array::from_fn(|i| (place(&to)[i] - place(&from)[i]) / ahead);
                     (track.velocity, track.last, track.last_frame) = (Some(moved), to, frame);
