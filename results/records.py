@@ -69,7 +69,7 @@ def machine(program):
     version = subprocess.run([program, "--version"], capture_output=True, text=True).stdout.strip()
     build = "the build given by $MICROSIG" if "MICROSIG" in os.environ else "default release build"
     system = f"{platform.system().lower()} {platform.release().split('-')[0]}"
-    return f"{version}, {name}, {os.cpu_count()} cores, {system}, {rustc}, {build}; load average at the start {os.getloadavg()[0]:.2f}"
+    return f"{version}, {name}, {os.cpu_count()} cores, {system}, {rustc}, {build}; load average {os.getloadavg()[0]:.2f} at the start"
 
 
 def environment(requirements):
@@ -373,7 +373,6 @@ def waits(program, out, options):
     if not options.before:
         return print("skipped: needs --before PROGRAM of an earlier version")
     quick, number = ROOT / "scenarios/quickstart.ron", lambda n: f"--set=particles.number=count({n})"
-    shown = lambda *names: [f"--set=render.{name}" for name in names]
     infocus = [ROOT / "scenarios/piv_gaussian.ron", "--set=particles.number=ppp(0.005)"]
     large = ["--set=optics.pixel_dim_x=8192", "--set=optics.pixel_dim_y=8192", "--set=timing=pairs(count: 1)", number(10_000)]
     with tempfile.TemporaryDirectory() as scratch:
@@ -389,7 +388,7 @@ def waits(program, out, options):
             ("`generate`, walls of a channel, 2 images of 128 x 128 px", 3, None)
             + ([*spots(scratch, 128, 0.03, "pairs(count: 1)"), "--set=motion=flow(field: poiseuille(max_speed_um_s: 1000))", "--set=boundaries.z=wall"],),
             ("`generate`, `expected`, 100 images of 500 particles", 3, None)
-            + (["generate", quick, *shown("mode=expected"), number(500), "--set=timing=pairs(count: 50)"],),
+            + (["generate", quick, "--set=render.mode=expected", number(500), "--set=timing=pairs(count: 50)"],),
             ("`render --mode waves`, 20 images of 500 particles of 1.5 to 2.5 um", 3, None, sizes),
             ("`generate objective_20x_cylinder` (waves)", 1, None, ["generate", ROOT / "scenarios/objective_20x_cylinder.ron"]),
             ("`generate`, a pair of 8192 x 8192 px, 10,000 particles", 1, None, ["generate", quick, *large]),

@@ -38,11 +38,11 @@ OWN = {
     "ncc": ("ncc", MODEL, True, "defocused particle images similar to the calibration stack (GDPT)"),
     "ncc-spheroid": (
         "ncc --shape spheroid", ["S"], True,
-        "rods and discs whose images resemble those of the optical model at some tilt; their common aspect ratio is measured",
+        "rods and discs, by correlation with images rendered for all orientations; one aspect ratio is fitted for all particles",
     ),
     "mle-spheroid": (
         "mle --shape spheroid", ["S"], True,
-        "rods and discs whose images follow the optical model with which they were generated; their common aspect ratio is measured",
+        "rods and discs, by maximum likelihood with the optical model of the dataset; one aspect ratio is fitted for all particles",
     ),
     "mle": ("mle", MODEL, True, "images that follow the optical model with which they were generated: the performance of an exact model"),
     "aptv": ("aptv", ["A3", "T/turbulence"], True, "isolated astigmatic images elongated along x or y"),

@@ -126,7 +126,7 @@ impl Progress {
         self.task(None, what)
     }
 
-    /// A task of so many parts, if their number is known.
+    /// A task with `parts` steps, or of unknown length.
     fn task(&self, parts: Option<u64>, what: &'static str) -> Bar {
         let bar = ProgressBar::with_draw_target(Some(parts.unwrap_or(0)), ProgressDrawTarget::hidden());
         let reported = match &self.shown {
