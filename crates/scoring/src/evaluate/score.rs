@@ -1,6 +1,6 @@
 //! `score.json`: all scores of a result. Its keys are an interface: the changelog names every one that is renamed.
 //!
-//! The doc comments define the keys: docs/scoring.md is generated from them. `compare` checks the ranges.
+//! The doc comments define the keys: docs/score_keys.md is generated from them. `compare` checks the ranges.
 
 use std::collections::BTreeMap;
 
