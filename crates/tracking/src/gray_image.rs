@@ -154,7 +154,7 @@ fn sorted(values: &[f32]) -> Vec<f32> {
     keys.into_iter().map(value).collect()
 }
 
-fn add(sums: &mut [f32], weight: f32, row: &[f32]) {
+pub(super) fn add(sums: &mut [f32], weight: f32, row: &[f32]) {
     sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
 }
 
@@ -240,7 +240,7 @@ pub(super) fn prefilter(line: &mut [f32], poles: &[f64]) {
 }
 
 /// Replaces each column of rows of `width` values by the coefficients of the B-spline through them, mirrored at its ends.
-fn filter(values: &mut [f32], width: usize, poles: &[f64]) {
+pub(super) fn filter(values: &mut [f32], width: usize, poles: &[f64]) {
     /// Powers of a pole below this are negligible.
     const NEGLIGIBLE: f64 = 1e-7;
     if values.len() < 2 * width {

@@ -32,6 +32,7 @@ mod regions;
 mod search;
 mod shape_correlation;
 mod shape_fit;
+mod shape_table;
 mod shape_templates;
 mod sides;
 mod spheroids;

@@ -9,6 +9,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+use microsig_core::cancel::checkpoint;
 use microsig_core::optics::FieldOptics;
 use microsig_core::render::{Context, Gradient, RenderMethod, Renderer, RendererSpec, Window};
 use microsig_core::{Particle, Settings, Spheroid};
@@ -22,6 +23,7 @@ use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
 use super::locate::Locator;
 use super::shape_fit::Pose;
+use super::shape_table::{PER_PX, ShapeTable};
 use super::spheroids;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
@@ -37,6 +39,19 @@ const PLACES: u32 = 5;
 /// Tolerance of drafts of spheroids by rays, which no table makes cheaper. Their errors of about 0.3 % of the peak would be
 /// seen in results at an SNR of 20, but not in how a fit gets there.
 const TOLERANCE_OF_DRAFTS: f64 = 0.02;
+
+/// Tolerance of images of spheroids in tables, from which fits start.
+const TOLERANCE_OF_TABLES: f64 = 0.01;
+
+/// Numbers of depths and of tilts of a table of spheroids: for starts and comparisons, and for fits.
+pub(super) const COARSE: [usize; 2] = [20, 8];
+pub(super) const FINE: [usize; 2] = [30, 12];
+
+/// Memory of a table, bytes; larger ones are not made.
+const LARGEST_TABLE: usize = 1 << 28;
+
+/// Half the difference of logarithms of aspect ratios over which images from tables are differentiated.
+const ASPECT_STEP: f64 = 0.05;
 
 /// Tolerance of images that depend on the place in the field, whose tables take long.
 const TOLERANCE_OF_FIELD: f64 = 0.02;
@@ -151,16 +166,29 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     let (templates, sphere) = size_templates(job, stack, &origin, None)?;
     let aspect_px = 0.5 * origin.d_um * origin.settings.magnification / origin.settings.pixel_size;
     let room = (aspect_px * (longest.max(LONGEST) - 1.0)).ceil() as usize;
-    let model = ModelImages::new(&origin, &depths_um, side + 2 * room, &job.options.context)?;
+    let (side, context) = (side + 2 * room, &job.options.context);
+    let model = ModelImages::new(&origin, &depths_um, side, TOLERANCE, context)?;
     let draft = match origin.waves {
         Some(_) => None,
-        None => Some(
-            renderer(&origin, TOLERANCE_OF_DRAFTS).build(model.renderer.settings(), &job.options.context)?,
-        ),
+        None => {
+            Some(Arc::new(renderer(&origin, TOLERANCE_OF_DRAFTS).build(model.renderer.settings(), context)?))
+        }
     };
     let radii = depths_um.iter().map(|z_um| templates[0].radius_px(*z_um, 0.0)).collect();
     let model = ModelImages { unit: sphere.unit, ..model };
-    let images = ShapeImages { model, draft, radii, aspect_px, room };
+    let per_px = f64::from(PER_PX);
+    let settings = Settings {
+        pixel_size: origin.settings.pixel_size / per_px,
+        points_per_pixel: origin.settings.points_per_pixel / per_px.powi(2),
+        ..origin.settings.clone()
+    };
+    let finer = Origin { settings, ..origin };
+    let fits = ShapeTable::bytes(FINE, side / 2) < LARGEST_TABLE;
+    let fine = (fits && finer.is_round())
+        .then(|| ModelImages::new(&finer, &depths_um, side * PER_PX as usize, TOLERANCE_OF_TABLES, context))
+        .transpose()?
+        .map(|fine| ModelImages { unit: sphere.unit, ..fine });
+    let images = ShapeImages { model, draft, fine, table: None, radii, aspect_px, room };
     Ok(OfSpheroids { images: images.up_to(longest), noise })
 }
 
@@ -173,10 +201,15 @@ pub(super) enum Detail {
 }
 
 /// Images of spheroids with the equatorial diameter of a calibration particle.
+#[derive(Clone)]
 pub(super) struct ShapeImages {
     model: ModelImages,
     /// For drafts, if they are cheaper.
-    draft: Option<Renderer>,
+    draft: Option<Arc<Renderer>>,
+    /// For tables, with [`PER_PX`] pixels per px, if the optics are round and tables not too large.
+    fine: Option<ModelImages>,
+    /// Drafts of the one aspect ratio, if that is known.
+    table: Option<Arc<ShapeTable>>,
     /// Half widths of images of spheres, px, and how much larger an aspect ratio makes them.
     radii: Vec<usize>,
     aspect_px: f64,
@@ -204,31 +237,55 @@ impl ShapeImages {
         self.model.radii.iter().copied().max().unwrap_or(0)
     }
 
-    /// The particle on the sensor of the model, and the window of this square on it.
-    fn place(&self, pose: &Pose, middle: [isize; 2], radius: usize) -> (Particle, Window) {
-        let model = &self.model;
-        let [x, y] = [0, 1].map(|axis| model.middle as f64 + pose.at[axis] - middle[axis] as f64);
-        let z_um = (pose.z_um - model.zero_um) / model.depth_factor;
-        let spheroid = Some(Spheroid::from_axis(pose.e_p, pose.axis.to_array()));
-        let particle = Particle { spheroid, ..Particle::sphere(x, y, z_um, model.d_um) };
-        let (first, side) = (model.middle - radius as i64, 2 * radius + 1);
-        (particle, Window { x0: first, y0: first, width: side, height: side })
+    /// Images of this aspect ratio over depth and axis, if there can be tables.
+    pub(super) fn tabled(&self, e_p: f64, nodes: [usize; 2]) -> Option<Arc<ShapeTable>> {
+        let fine = self.fine.as_ref()?;
+        let image = |z_um: f64, axis: DVec3, half: usize| {
+            checkpoint();
+            let pose = Pose { at: [0.5; 2], z_um, axis, e_p, brightness: 1.0 };
+            let first = fine.middle + 1 - half as i64;
+            let window = Window { x0: first, y0: first, width: 2 * half, height: 2 * half };
+            fine.spheroid(&fine.renderer, &pose, [0; 2], window)
+        };
+        Some(Arc::new(ShapeTable::new(self.depths_um(), nodes, self.radius() + 2, image)))
+    }
+
+    /// With this table for drafts.
+    pub(super) fn with_table(self, table: Option<Arc<ShapeTable>>) -> Self {
+        ShapeImages { table, ..self }
+    }
+
+    /// Whether there can be tables.
+    pub(super) fn can_have_tables(&self) -> bool {
+        self.fine.is_some()
+    }
+
+    /// Whether drafts are smooth, so that images near an exact one differ from it as their drafts do.
+    pub(super) fn has_table(&self) -> bool {
+        self.table.is_some()
     }
 
     fn renderer(&self, detail: Detail) -> &Renderer {
-        self.draft.as_ref().filter(|_| detail == Detail::Draft).unwrap_or(&self.model.renderer)
+        match &self.draft {
+            Some(draft) if detail == Detail::Draft => draft,
+            _ => &self.model.renderer,
+        }
     }
 
     /// The image at brightness 1 on the square of this half width around a pixel, row by row, counts.
     pub(super) fn light(&self, pose: &Pose, middle: [isize; 2], radius: usize, detail: Detail) -> Vec<f64> {
-        let (particle, window) = self.place(pose, middle, radius);
-        let patch = self.renderer(detail).mean_patch(&particle);
-        let mut light = patch.map_or_else(|| vec![0.0; window.area()], |patch| patch.on(window));
-        light.iter_mut().for_each(|light| *light *= self.model.unit);
-        light
+        match &self.table {
+            Some(table) if detail == Detail::Draft => table.light(pose, middle, radius),
+            _ => self.rendered(pose, middle, radius, detail),
+        }
     }
 
-    /// The same with derivatives, and the directions of turns (see `ShapeGradient`).
+    fn rendered(&self, pose: &Pose, middle: [isize; 2], radius: usize, detail: Detail) -> Vec<f64> {
+        self.model.spheroid(self.renderer(detail), pose, middle, self.model.square(radius))
+    }
+
+    /// The same with derivatives, and the directions of turns (see `ShapeGradient`). Drafts from a table have none with respect to
+    /// the aspect ratio.
     pub(super) fn gradient(
         &self,
         pose: &Pose,
@@ -236,14 +293,39 @@ impl ShapeImages {
         radius: usize,
         detail: Detail,
     ) -> Option<(Vec<[f64; 7]>, [DVec3; 2])> {
-        let (particle, window) = self.place(pose, middle, radius);
-        let mut gradient = self.renderer(detail).shape_gradient(&particle, Some(window))?;
-        let unit = self.model.unit;
-        for pixel in &mut gradient.pixels {
-            pixel.iter_mut().for_each(|value| *value *= unit);
-            pixel[3] /= self.model.depth_factor;
+        let Some(table) = &self.table else {
+            let (model, window) = (&self.model, self.model.square(radius));
+            let particle = model.spheroid_on_sensor(pose, middle);
+            let mut gradient = self.renderer(detail).shape_gradient(&particle, Some(window))?;
+            for pixel in &mut gradient.pixels {
+                pixel.iter_mut().for_each(|value| *value *= model.unit);
+                pixel[3] /= model.depth_factor;
+            }
+            return Some((gradient.pixels, gradient.turns));
+        };
+        let (mut pixels, turns) = table.gradient(pose, middle, radius);
+        if detail == Detail::Full {
+            let by_aspect = self.by_aspect(pose, middle, radius, Detail::Draft);
+            let light = self.rendered(pose, middle, radius, Detail::Full);
+            for ((pixel, light), by_aspect) in pixels.iter_mut().zip(light).zip(by_aspect) {
+                (pixel[0], pixel[6]) = (light, by_aspect);
+            }
         }
-        Some((gradient.pixels, gradient.turns))
+        Some((pixels, turns))
+    }
+
+    /// The derivative of an image with respect to the logarithm of the aspect ratio.
+    pub(super) fn by_aspect(
+        &self,
+        pose: &Pose,
+        middle: [isize; 2],
+        radius: usize,
+        detail: Detail,
+    ) -> Vec<f64> {
+        let stretched = |by: f64| Pose { e_p: pose.e_p * by.exp(), ..*pose };
+        let image = |by: f64| self.rendered(&stretched(by), middle, radius, detail);
+        let [low, high] = [-ASPECT_STEP, ASPECT_STEP].map(image);
+        high.iter().zip(low).map(|(high, low)| (high - low) / (2.0 * ASPECT_STEP)).collect()
     }
 }
 
@@ -263,7 +345,7 @@ fn size_templates(
     sensor: Option<[u32; 2]>,
 ) -> Result<(Vec<Templates>, ModelImages)> {
     let side = stack.images[0].width;
-    let mut model = ModelImages::new(origin, &stack.depths_um, side, &job.options.context)?;
+    let mut model = ModelImages::new(origin, &stack.depths_um, side, TOLERANCE, &job.options.context)?;
     let images = model.stack([0.0; 2], side);
     let correlation = model.calibrate(&images, &stack.images, origin.d_um)?;
     if correlation < LEAST_CORRELATION.1 {
@@ -314,13 +396,19 @@ fn renderer(Origin { waves, over_field, .. }: &Origin, tolerance: f64) -> Render
 }
 
 impl ModelImages {
-    fn new(origin: &Origin, depths_um: &[f64], side: usize, context: &Context) -> Result<Self> {
+    fn new(
+        origin: &Origin,
+        depths_um: &[f64],
+        side: usize,
+        tolerance: f64,
+        context: &Context,
+    ) -> Result<Self> {
         let Origin { d_um, depth_factor, zero_um, .. } = *origin;
         // Margin for sub-pixel shifts.
         let size = side as u32 + 4;
         let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..origin.settings.clone() };
         let radii = vec![side / 2; depths_um.len()];
-        let renderer = renderer(origin, TOLERANCE).build(&settings, context)?;
+        let renderer = renderer(origin, tolerance).build(&settings, context)?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
         Ok(ModelImages {
@@ -334,6 +422,28 @@ impl ModelImages {
             depths_um,
             radii,
         })
+    }
+
+    /// The square of this half width around the middle of the sensor.
+    fn square(&self, radius: usize) -> Window {
+        let (first, side) = (self.middle - radius as i64, 2 * radius + 1);
+        Window { x0: first, y0: first, width: side, height: side }
+    }
+
+    /// A spheroid on the sensor, with this pixel in the middle.
+    fn spheroid_on_sensor(&self, pose: &Pose, middle: [isize; 2]) -> Particle {
+        let [x, y] = [0, 1].map(|axis| self.middle as f64 + pose.at[axis] - middle[axis] as f64);
+        let z_um = (pose.z_um - self.zero_um) / self.depth_factor;
+        let spheroid = Some(Spheroid::from_axis(pose.e_p, pose.axis.to_array()));
+        Particle { spheroid, ..Particle::sphere(x, y, z_um, self.d_um) }
+    }
+
+    /// Its image in a window, row by row, counts.
+    fn spheroid(&self, renderer: &Renderer, pose: &Pose, middle: [isize; 2], window: Window) -> Vec<f64> {
+        let patch = renderer.mean_patch(&self.spheroid_on_sensor(pose, middle));
+        let mut light = patch.map_or_else(|| vec![0.0; window.area()], |patch| patch.on(window));
+        light.iter_mut().for_each(|light| *light *= self.unit);
+        light
     }
 
     /// The stack computed by the model for the pixel at this position, on squares of this side; divided by the

@@ -70,6 +70,18 @@ struct Shape {
     chi2_reduction: f64,
 }
 
+/// Sum of products, by several sums side by side.
+fn dot(a: &[f32], b: &[f32]) -> f64 {
+    const LANES: usize = 16;
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut sums = [0.0f32; LANES];
+    for (a, b) in a.iter().zip(b) {
+        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    }
+    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    f64::from(rest + sums.iter().sum::<f32>())
+}
+
 /// Correlation of a particle with the images of all axes, at one depth and aspect ratio.
 struct OverAxes {
     /// Sums over pixels, weighted by inverse variances: of products of two coefficient images, row by row, and of products
@@ -90,7 +102,6 @@ impl OverAxes {
             part.iter().zip(&pixels).map(|(light, i)| light * local.weight[*i]).collect()
         };
         let data: Vec<f32> = pixels.iter().map(|i| local.image.counts[*i]).collect();
-        let dot = |a: &[f32], b: &[f32]| f64::from(a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>());
         let (mut own, mut both) = (vec![0.0; FUNCTIONS * FUNCTIONS], [0.0; FUNCTIONS]);
         for i in 0..FUNCTIONS {
             let part = weighted(&parts[i]);

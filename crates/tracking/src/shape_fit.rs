@@ -33,9 +33,10 @@ const ITERATIONS: usize = 14;
 const CONVERGED: f64 = 0.02;
 const SMALL: f64 = 0.3;
 
-/// Derivatives are computed anew if a fit has gone farther than this from where they were computed, standard deviations;
-/// and how often.
+/// Derivatives are computed anew if a fit has gone farther than this from where they were computed, standard deviations: by
+/// differences of images, and from tables, which leave less to exact images; and how often.
 const FAR: f64 = 3.0;
+const FAR_WITH_TABLE: f64 = 10.0;
 const RENEWALS: usize = 3;
 
 /// Largest change of a parameter in one iteration: brightness (relative), px, px, um, rad, rad, logarithm.
@@ -85,6 +86,7 @@ pub(super) struct Uncertainty {
 }
 
 /// What all fits in a frame have in common.
+#[derive(Clone, Copy)]
 pub(super) struct Fit<'a> {
     pub(super) images: &'a ShapeImages,
     pub(super) opposite: &'a Opposite,
@@ -96,7 +98,7 @@ pub(super) struct Fit<'a> {
 }
 
 /// Pixels around a particle.
-struct Region {
+pub(super) struct Region {
     middle: [isize; 2],
     radius: usize,
     data: Vec<f64>,
@@ -105,6 +107,11 @@ struct Region {
 }
 
 impl Region {
+    /// Number of pixels in the frame.
+    pub(super) fn pixels(&self) -> usize {
+        self.weight.iter().filter(|weight| **weight > 0.0).count()
+    }
+
     fn chi2(&self, light: &[f64], brightness: f64) -> f64 {
         let pixels = self.data.iter().zip(&self.weight).zip(light);
         pixels.map(|((data, weight), light)| weight * (data - brightness * light).powi(2)).sum()
@@ -137,6 +144,8 @@ struct State {
     pose: Pose,
     light: Vec<f64>,
     chi2: f64,
+    /// What exact images differ from drafts from a table; empty without one.
+    correction: Vec<f64>,
     /// For each pixel, derivatives with respect to x, y, z, turns, logarithm of the aspect ratio.
     slopes: Vec<[f64; 6]>,
     axis: DVec3,
@@ -193,7 +202,7 @@ impl Fit<'_> {
     }
 
     /// The region of a particle, weighted by the noise of its light.
-    fn region(&self, residual: &[f32], pose: &Pose) -> Region {
+    pub(super) fn region(&self, residual: &[f32], pose: &Pose) -> Region {
         let (middle, radius) = self.square(pose);
         let light = self.images.light(pose, middle, radius, Detail::Draft);
         self.weighted(residual, (middle, radius), &light, pose.brightness)
@@ -215,6 +224,11 @@ impl Fit<'_> {
             weight.push(i.map_or(0.0, |_| 1.0 / variance));
         }
         Region { middle, radius, data, weight }
+    }
+
+    /// The fit from a start by drafts of the images, and its chi^2.
+    pub(super) fn drafted(&self, region: &Region, start: &Pose) -> Option<(Pose, f64)> {
+        self.refined(region, start, Detail::Draft).map(|state| (state.pose, state.chi2))
     }
 
     /// The best fit from any of these starts, best first, by drafts of the images.
@@ -281,12 +295,24 @@ impl Fit<'_> {
             let (information, _) = information(&region, &state);
             let now = self.descended(&region, state, Detail::Full);
             let now = fitted.insert(Fitted::new(&region, now, pose, information, self.parameters()));
-            if !now.is_far() {
+            if !self.is_far(now) {
                 break;
             }
             pose = now.state.pose;
         }
         fitted
+    }
+
+    /// A fit after a step of all parameters, the aspect ratio too, by exact images.
+    pub(super) fn with_aspect(&self, residual: &[f32], fitted: Fitted) -> Option<Fitted> {
+        let Fitted { mut state, middle, radius, .. } = fitted;
+        let region = self.weighted(residual, (middle, radius), &state.light, state.pose.brightness);
+        let by_aspect = self.images.by_aspect(&state.pose, middle, radius, Detail::Full);
+        state.slopes.iter_mut().zip(by_aspect).for_each(|(slopes, by)| slopes[5] = by);
+        let (information, right) = information(&region, &state);
+        let from = state.pose;
+        state.pose.e_p *= equations(&information, &right).solved(0.0)?[6].exp();
+        Some(Fitted::new(&region, state, from, information, 7))
     }
 
     /// The same after its surroundings have changed.
@@ -296,10 +322,15 @@ impl Fit<'_> {
         let chi2 = region.chi2(&state.light, state.pose.brightness);
         let state = self.descended(&region, State { chi2, ..state.clone() }, Detail::Full);
         let mut now = Fitted::new(&region, state, *from, *information, *parameters);
-        if now.is_far() {
+        if self.is_far(&now) {
             now = self.exact(residual, now.state.pose)?;
         }
         Some(Fitted { other: *other, ..now })
+    }
+
+    /// Whether the derivatives of a fit belong to another place.
+    fn is_far(&self, fitted: &Fitted) -> bool {
+        fitted.distance() > if self.images.has_table() { FAR_WITH_TABLE } else { FAR }
     }
 
     fn state(&self, region: &Region, pose: Pose, detail: Detail) -> Option<State> {
@@ -307,7 +338,12 @@ impl Fit<'_> {
         let light: Vec<f64> = pixels.iter().map(|pixel| pixel[0]).collect();
         let slopes = pixels.iter().map(|pixel| std::array::from_fn(|p| pixel[1 + p])).collect();
         let chi2 = region.chi2(&light, pose.brightness);
-        Some(State { pose, light, chi2, slopes, axis: pose.axis, turns, turned: [0.0; 2] })
+        let mut correction = Vec::new();
+        if detail == Detail::Full && self.images.has_table() {
+            let draft = self.images.light(&pose, region.middle, region.radius, Detail::Draft);
+            correction.extend(light.iter().zip(draft).map(|(light, draft)| light - draft));
+        }
+        Some(State { pose, light, chi2, correction, slopes, axis: pose.axis, turns, turned: [0.0; 2] })
     }
 
     fn parameters(&self) -> usize {
@@ -336,7 +372,7 @@ impl Fit<'_> {
                 return self.step(now, &change, gain);
             }
             let (pose, turned, change) = self.moved(&now, &change);
-            let light = self.images.light(&pose, region.middle, region.radius, detail);
+            let light = self.light(region, &now.correction, &pose, detail);
             let chi2 = region.chi2(&light, pose.brightness);
             if chi2 >= now.chi2 {
                 damping *= 10.0;
@@ -354,6 +390,14 @@ impl Fit<'_> {
             }
         }
         now
+    }
+
+    /// The image of a pose near one with this correction.
+    fn light(&self, region: &Region, correction: &[f64], pose: &Pose, detail: Detail) -> Vec<f64> {
+        let detail = if correction.is_empty() { detail } else { Detail::Draft };
+        let mut light = self.images.light(pose, region.middle, region.radius, detail);
+        light.iter_mut().zip(correction).for_each(|(light, correction)| *light += correction);
+        light
     }
 
     /// A state after a change so small that the image is linear in it.
@@ -428,8 +472,7 @@ impl Fitted {
     ) -> Self {
         let (brightness, chi2_reduction) = region.matched(&state.light);
         state.pose.brightness = brightness;
-        let pixels = region.weight.iter().filter(|weight| **weight > 0.0).count();
-        let misfit = region.chi2(&state.light, brightness) / pixels.max(1) as f64;
+        let misfit = region.chi2(&state.light, brightness) / region.pixels().max(1) as f64;
         let Region { middle, radius, .. } = *region;
         Fitted { state, middle, radius, from, information, parameters, chi2_reduction, misfit, other: None }
     }
@@ -438,8 +481,8 @@ impl Fitted {
         &self.state.pose
     }
 
-    /// Whether the derivatives belong to another place.
-    fn is_far(&self) -> bool {
+    /// How far a fit is from where its derivatives were computed, standard deviations.
+    fn distance(&self) -> f64 {
         let (now, from) = (self.state.pose, self.from);
         let change = [
             now.brightness - from.brightness,
@@ -452,7 +495,7 @@ impl Fitted {
         ];
         let product = |k: usize, l: usize| self.information[k][l] * change[k] * change[l];
         let chi2: f64 = (0..7).flat_map(|k| (0..7).map(move |l| product(k, l))).sum();
-        chi2 > FAR * FAR
+        chi2.max(0.0).sqrt()
     }
 
     /// `known` is the standard deviation of the logarithm of an aspect ratio that is not fitted; its error moves all
@@ -520,6 +563,7 @@ mod tests {
             pose,
             light: Vec::new(),
             chi2: 0.0,
+            correction: Vec::new(),
             slopes: Vec::new(),
             axis: DVec3::X,
             turns,

@@ -1,6 +1,7 @@
 //! Images of spheroids over depth, axis and aspect ratio, computed from the optical model, as templates.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use glam::DVec3;
 use microsig_core::cancel::checkpoint;
@@ -11,6 +12,7 @@ use super::gray_image::GrayImage;
 use super::joint_fit::Equations;
 use super::mle::{Detail, ShapeImages};
 use super::shape_fit::Pose;
+use super::shape_table::ShapeTable;
 use super::templates::Templates;
 
 /// Images at these depths, brightness 1, on squares of half width `images.radius()`: what `made` makes of the images of each
@@ -18,19 +20,20 @@ use super::templates::Templates;
 fn over_depth<T: Send>(
     images: &ShapeImages,
     depths_um: &[f64],
-    (aspects, axes): (&[f64], &[DVec3]),
+    (aspects, tables): (&[f64], &[Option<Arc<ShapeTable>>]),
+    axes: &[DVec3],
     made: impl Fn(f64, Vec<Vec<f64>>) -> T + Sync,
 ) -> Vec<T> {
     let at_depth = |&z_um: &f64| {
-        let poses = aspects.iter().flat_map(|e_p| axes.iter().map(move |axis| (*e_p, *axis)));
-        let all = poses.map(|(e_p, axis)| {
+        let of = aspects.iter().zip(tables);
+        let poses = of.flat_map(|(e_p, table)| axes.iter().map(move |axis| (*e_p, table, *axis)));
+        let all = poses.map(|(e_p, table, axis)| {
             checkpoint();
-            images.light(
-                &Pose { at: [0.0; 2], z_um, axis, e_p, brightness: 1.0 },
-                [0; 2],
-                images.radius(),
-                Detail::Draft,
-            )
+            let pose = Pose { at: [0.0; 2], z_um, axis, e_p, brightness: 1.0 };
+            match table {
+                Some(table) => table.light(&pose, [0; 2], images.radius()),
+                None => images.light(&pose, [0; 2], images.radius(), Detail::Draft),
+            }
         });
         made(z_um, all.collect())
     };
@@ -84,7 +87,12 @@ pub(super) struct ShapeTemplates {
 
 impl ShapeTemplates {
     /// Templates at `depths` depths over the depth range of `images`.
-    pub(super) fn new(images: &ShapeImages, aspects: Vec<f64>, depths: usize) -> Self {
+    pub(super) fn new(
+        images: &ShapeImages,
+        aspects: Vec<f64>,
+        tables: &[Option<Arc<ShapeTable>>],
+        depths: usize,
+    ) -> Self {
         let (depths_um, axes) = (depths_um(images, depths), axes(AXES).collect::<Vec<_>>());
         let fit = fit(&axes);
         let made = |z_um: f64, all: Vec<Vec<f64>>| {
@@ -93,7 +101,7 @@ impl ShapeTemplates {
                 |images: &[Vec<f64>]| combined(&fit, &images.iter().map(crop).collect::<Vec<_>>());
             (all.chunks_exact(AXES).map(aspect_mean).collect(), mean(&all))
         };
-        let made = over_depth(images, &depths_um, (&aspects, &axes), made);
+        let made = over_depth(images, &depths_um, (&aspects, tables), &axes, made);
         let radii = depths_um.iter().map(|z_um| images.radius_at(*z_um)).collect();
         let (coefficients, means) = made.into_iter().unzip();
         ShapeTemplates { depths_um, aspects, radii, coefficients, means }

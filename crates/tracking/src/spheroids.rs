@@ -6,7 +6,11 @@
 //! is taken to be common to all particles. It is the median over those whose images are the clearest: the image of two
 //! overlapping particles resembles one long rod's.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
 use microsig_core::cancel::checkpoint;
+use microsig_core::visibility::vertex;
 use rayon::prelude::*;
 
 use super::denoise::PixelNoise;
@@ -14,17 +18,20 @@ use super::fit::Residual;
 use super::gray_image::GrayImage;
 use super::job::Job;
 use super::locate::{self, Coarse};
-use super::mle::{self, OfSpheroids, ShapeImages};
+use super::mle::{self, COARSE, FINE, OfSpheroids, ShapeImages};
 use super::opposite::Opposite;
 use super::output::Output;
 use super::shape_correlation::{self, Match};
-use super::shape_fit::{Fit, Fitted, Pose, Uncertainty, is_particle};
-use super::shape_templates::{ShapeTemplates, angle};
+use super::shape_fit::{Fit, Fitted, Pose, Region, Uncertainty, is_particle};
+use super::shape_table::ShapeTable;
+use super::shape_templates::{ShapeTemplates, angle, mirrored};
 use super::{AspectRatio, Localization, ParticleShape, ShapeEstimate, ShapeUncertainty};
+use storage::NumberRange;
 use storage::error::Result;
 
-/// Number of depths of the templates.
+/// Number of depths of the templates; and if there are several aspect ratios.
 const DEPTHS: usize = 40;
+const DEPTHS_OF_STARTS: usize = 20;
 
 /// Templates of the search: number of axes and of depths.
 const AXES_OF_SEARCH: usize = 12;
@@ -38,7 +45,11 @@ const ROUNDS: usize = 3;
 
 /// Frames and particles by which a common aspect ratio is measured.
 const SAMPLED_FRAMES: usize = 4;
-const SAMPLED: usize = 12;
+const SAMPLED: usize = 24;
+
+/// Step of the logarithm of the aspect ratio between tables, and how many of them are the first step to the best.
+const ASPECT_STEP: f64 = std::f64::consts::LN_2 / 8.0;
+const FIRST_STEP: i32 = 4;
 
 /// Relative error of an aspect ratio that its standard deviation may lack: of overlapping particles. It limits their weight.
 const ASPECT_ERROR: f64 = 0.02;
@@ -66,10 +77,36 @@ struct Matched<'a> {
     fit: Fit<'a>,
 }
 
+/// A particle with which few others overlap, and its matches.
+struct Clear<'a> {
+    fit: Fit<'a>,
+    region: Region,
+    starts: Vec<Pose>,
+    /// By a fit of the aspect ratio, where there are no tables.
+    aspect: Option<Aspect>,
+}
+
+/// Logarithm of the aspect ratio of one particle, its standard deviation, and chi^2 per pixel.
+struct Aspect {
+    logarithm: f64,
+    deviation: f64,
+    misfit: f64,
+}
+
+impl Clear<'_> {
+    /// The matches, and the same tilted the other way.
+    fn both_tilts(&self) -> Vec<Pose> {
+        let both = |pose: &Pose| [*pose, Pose { axis: mirrored(pose.axis), ..*pose }];
+        self.starts.iter().flat_map(both).collect()
+    }
+}
+
 /// The particles of a recording.
 pub(super) struct Spheroids {
     images: ShapeImages,
     templates: ShapeTemplates,
+    /// Images of each aspect ratio of the templates.
+    tables: Vec<Option<Arc<ShapeTable>>>,
     coarse: Coarse,
     opposite: Opposite,
     known: Known,
@@ -105,16 +142,34 @@ impl Spheroids {
             job.warn("no particle shows the aspect ratio; each is taken to have its own");
             return Ok(all);
         };
-        job.note(format!("an aspect ratio of {aspect:.3} +- {deviation:.3} by {particles} of the particles"));
+        let mut measured = (aspect, deviation, particles);
         let images = all.images.up_to(longest(&[aspect]));
-        Ok(Spheroids::with(images, vec![aspect], noise, Known::Measured(aspect, deviation)))
+        let mut all = Spheroids::with(images, vec![aspect], noise, Known::Measured(aspect, deviation));
+        if all.images.has_table() {
+            // Now by exact images; the table is still a draft.
+            measured = all.common_aspect(job)?.unwrap_or(measured);
+            all.templates.aspects[0] = measured.0;
+        }
+        let (aspect, deviation, particles) = measured;
+        all.known = Known::Measured(aspect, deviation);
+        job.note(format!("an aspect ratio of {aspect:.3} +- {deviation:.3} by {particles} of the particles"));
+        Ok(all)
     }
 
     fn with(images: ShapeImages, aspects: Vec<f64>, noise: PixelNoise, known: Known) -> Self {
-        let templates = ShapeTemplates::new(&images, aspects, DEPTHS);
+        let (nodes, depths) = match known {
+            Known::No => (COARSE, DEPTHS_OF_STARTS),
+            Known::Given(_) | Known::Measured(..) => (FINE, DEPTHS),
+        };
+        let tables: Vec<_> = aspects.iter().map(|e_p| images.tabled(*e_p, nodes)).collect();
+        let templates = ShapeTemplates::new(&images, aspects, &tables, depths);
+        let images = match known {
+            Known::Given(_) | Known::Measured(..) => images.with_table(tables[0].clone()),
+            Known::No => images,
+        };
         let opposite = Opposite::new(templates.depths_um.clone(), &templates.means);
         let coarse = Coarse::for_shapes(templates.over_axes(AXES_OF_SEARCH, DEPTHS_OF_SEARCH, noise), noise);
-        Spheroids { images, templates, coarse, opposite, known }
+        Spheroids { images, templates, tables, coarse, opposite, known }
     }
 
     /// The particles of a frame by correlation.
@@ -152,20 +207,19 @@ impl Spheroids {
     fn common_aspect(&self, job: &Job) -> Result<Option<(f64, f64, usize)>> {
         let all = job.recording.frames();
         let frames = all.min(SAMPLED_FRAMES);
-        let sampled = |k: usize| -> Result<Vec<Fitted>> {
+        let clearest = |k: usize| -> Result<Vec<Clear>> {
             Ok(self.clearest(&job.recording.frame(k * all / frames)?, SAMPLED.div_ceil(frames)))
         };
-        let sampled: Vec<Vec<Fitted>> = (0..frames).into_par_iter().map(sampled).collect::<Result<_>>()?;
-        let (least, most) = (ParticleShape::ASPECTS.least, ParticleShape::ASPECTS.most);
-        let is_inside = |fitted: &Fitted| fitted.pose().e_p > least && fitted.pose().e_p < most;
-        let mut fitted: Vec<Fitted> = sampled.into_iter().flatten().filter(is_inside).collect();
+        let clearest: Vec<Vec<Clear>> = (0..frames).into_par_iter().map(clearest).collect::<Result<_>>()?;
+        let clearest: Vec<Clear> = clearest.into_iter().flatten().collect();
+        let mut measured = match self.compares_tables() {
+            true => self.aspects_by_tables(&clearest),
+            false => clearest.into_iter().filter_map(|of| of.aspect).collect(),
+        };
         // Worse than these are overlapping particles that were taken for one.
-        fitted.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
-        fitted.truncate(fitted.len().div_ceil(2));
-        let measured = fitted.iter().filter_map(|fitted| {
-            let deviation = fitted.uncertainty(0.0)?.deviations[3];
-            Some((fitted.pose().e_p.ln(), deviation))
-        });
+        measured.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+        measured.truncate(measured.len().div_ceil(2));
+        let measured = measured.iter().map(|one| (one.logarithm, one.deviation));
         let measured: Vec<(f64, f64)> = measured.collect();
         let weight = |deviation: f64| 1.0 / (deviation.powi(2) + ASPECT_ERROR.powi(2));
         let weighted = |of: &dyn Fn(f64) -> f64| {
@@ -186,18 +240,104 @@ impl Spheroids {
         Ok(Some((middle.exp(), middle.exp() * deviation, n)))
     }
 
-    /// Fits of the `most` particles of a frame that correlate best.
-    fn clearest(&self, frame: &GrayImage, most: usize) -> Vec<Fitted> {
+    /// Whether an aspect ratio is measured by comparing tables.
+    fn compares_tables(&self) -> bool {
+        self.images.can_have_tables() && !self.images.has_table()
+    }
+
+    /// The aspect ratio of a particle by a fit of it, or by a last step from a fit with that of a table.
+    fn aspect(&self, fit: &Fit, residual: &[f32], fitted: Fitted) -> Option<Aspect> {
+        let fitted = if self.images.has_table() { fit.with_aspect(residual, fitted)? } else { fitted };
+        let (e_p, NumberRange { least, most, .. }) = (fitted.pose().e_p, ParticleShape::ASPECTS);
+        let deviation = fitted.uncertainty(0.0)?.deviations[3];
+        let aspect = Aspect { logarithm: e_p.ln(), deviation, misfit: fitted.misfit };
+        (e_p > least && e_p < most).then_some(aspect)
+    }
+
+    /// The `most` particles of a frame that correlate best.
+    fn clearest(&self, frame: &GrayImage, most: usize) -> Vec<Clear<'_>> {
         let Matched { fit, counts: mut residual, mut particles } = self.matched(frame);
         particles.sort_by(|a, b| b.0.total_cmp(&a.0));
         particles.iter().for_each(|(_, of)| fit.add(&mut residual, &of[0], -1.0));
-        let fitted = particles.iter().take(most).filter_map(|(_, starts)| {
+        let clear = particles.into_iter().take(most).map(|(_, starts)| {
             fit.add(&mut residual, &starts[0], 1.0);
-            let fitted = fit.best(&residual, starts);
+            let region = fit.region(&residual, &starts[0]);
+            let aspect = match self.compares_tables() {
+                true => None,
+                false => fit.best(&residual, &starts).and_then(|fitted| self.aspect(&fit, &residual, fitted)),
+            };
             fit.add(&mut residual, &starts[0], -1.0);
-            fitted
+            Clear { fit, region, starts, aspect }
         });
-        fitted.collect()
+        clear.collect()
+    }
+
+    /// The aspect ratios of particles by fits with tables of several, the same for all particles: from the most frequent match in
+    /// smaller and smaller steps to the best, then for each particle by a parabola through its chi^2.
+    fn aspects_by_tables(&self, clearest: &[Clear]) -> Vec<Aspect> {
+        let aspect = |k: i32| (f64::from(k) * ASPECT_STEP).exp();
+        let all = |k: i32, starts: &[Vec<Pose>]| -> (Vec<Option<(Pose, f64)>>, f64) {
+            let is_same = |other: &f64| (other / aspect(k) - 1.0).abs() < 1e-9;
+            let table = match self.templates.aspects.iter().position(is_same) {
+                Some(i) => self.tables[i].clone(),
+                None => self.images.tabled(aspect(k), FINE),
+            };
+            let images = self.images.clone().with_table(table);
+            let fits = clearest.par_iter().zip(starts).map(|(of, starts)| {
+                let fit = Fit { images: &images, aspect: Some(aspect(k)), ..of.fit };
+                let fits = starts
+                    .iter()
+                    .filter_map(|pose| fit.drafted(&of.region, &Pose { e_p: aspect(k), ..*pose }));
+                fits.min_by(|a, b| a.1.total_cmp(&b.1))
+            });
+            let fits: Vec<Option<(Pose, f64)>> = fits.collect();
+            // Logarithms, so that overlapping particles, which none fits, decide no more than others.
+            let cost = fits.iter().map(|fit| fit.map_or(0.0, |(_, chi2)| chi2.ln())).sum();
+            (fits, cost)
+        };
+        let try_near = |tried: &mut BTreeMap<i32, (Vec<Option<(Pose, f64)>>, f64)>, k: i32, known: i32| {
+            if !tried.contains_key(&k) {
+                let poses = |fit: &Option<(Pose, f64)>| fit.iter().map(|(pose, _)| *pose).collect();
+                let starts: Vec<Vec<Pose>> = tried[&known].0.iter().map(poses).collect();
+                tried.insert(k, all(k, &starts));
+            }
+        };
+        let matches = clearest.iter().map(|of| (of.starts[0].e_p.ln() / ASPECT_STEP, 1.0));
+        let Some(first) = weighted_median(matches.collect()) else { return Vec::new() };
+        let mut best = first.round() as i32;
+        let starts: Vec<Vec<Pose>> = clearest.iter().map(Clear::both_tilts).collect();
+        let mut tried = BTreeMap::from([(best, all(best, &starts))]);
+        let range = ParticleShape::ASPECTS.least..=ParticleShape::ASPECTS.most;
+        for step in [FIRST_STEP, 1] {
+            loop {
+                let here = best;
+                for k in [here - step, here + step].into_iter().filter(|k| range.contains(&aspect(*k))) {
+                    try_near(&mut tried, k, here);
+                    best = if tried[&k].1 < tried[&best].1 { k } else { best };
+                }
+                if best == here {
+                    break;
+                }
+            }
+            let costs = [best - step, best, best + step].map(|k| tried.get(&k).map(|(_, cost)| -cost));
+            if let [Some(low), Some(middle), Some(high)] = costs {
+                let k = best + (vertex([low, middle, high]).0 * f64::from(step)).round() as i32;
+                try_near(&mut tried, k, best);
+                best = if tried[&k].1 < tried[&best].1 { k } else { best };
+            }
+        }
+        let chi2 = |k: i32, i: usize| Some(tried.get(&k)?.0[i]?.1);
+        let vertex = |(i, of): (usize, &Clear)| {
+            let [low, middle, high] = [chi2(best - 1, i)?, chi2(best, i)?, chi2(best + 1, i)?];
+            let curvature = low - 2.0 * middle + high;
+            let off = (0.5 * (low - high) / curvature).clamp(-4.0, 4.0);
+            (curvature > 0.0).then(|| Aspect {
+                logarithm: (f64::from(best) + off) * ASPECT_STEP,
+                deviation: ASPECT_STEP * (2.0 / curvature).sqrt(),
+                misfit: middle / of.region.pixels() as f64,
+            })
+        };
+        clearest.iter().enumerate().filter_map(vertex).collect()
     }
 
     /// The particles of a frame by correlation.
