@@ -199,6 +199,7 @@ def track(
     spheroids: bool,
     aspect_ratio: float | str,
     fit_diameter: bool,
+    positions: Path | None,
     seed: int,
     show: _Show,
 ) -> tuple[dict[str, Any], list[str]]: ...

@@ -277,6 +277,7 @@ def track(
     shape: Literal["sphere", "spheroid"] = "sphere",
     aspect_ratio: float | Literal["common", "each"] | None = None,
     fit_diameter: bool = False,
+    positions: str | os.PathLike[str] | None = None,
     seed: int = 0,
     progress: Progress = False,
 ) -> Table:
@@ -293,6 +294,8 @@ def track(
     :param aspect_ratio: polar over equatorial diameter of spheroids: 0.1 to 10; ``common`` (as if None), measured by the
         clearest particles; or ``each`` particle its own
     :param fit_diameter: fit the diameter of each sphere, from half the smallest to twice the largest calibrated one (``mle``)
+    :param positions: CSV file with the columns ``x_px`` and ``y_px`` of particles whose depth is measured in all frames, or
+        only in those of its column ``frame``; other particles are not searched for (``ncc``, ``mle``)
     :param seed: seed of that noise
     :param progress: True for a bar on a terminal or in a notebook, a callable of (what, done, total), or tqdm
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field; of
@@ -310,6 +313,7 @@ def track(
         one_of("shape", shape, ("sphere", "spheroid")) == "spheroid",
         _aspect(aspect_ratio),
         flag("fit_diameter", fit_diameter),
+        None if positions is None else Path(positions),
         whole("seed", seed, 0, LAST_SEED),
         shown(progress),
     )

@@ -11,6 +11,7 @@ use scenario::{self, Literal, Sweep, resolve};
 use scoring::evaluate::gate::Shape;
 use scoring::evaluate::{EvaluateOptions, Hint, Score, Truth, UnitScores, evaluate_files, evaluate_source};
 use scoring::results::{Conventions, Format, LengthUnit, Origin, PairChoice, Source};
+use storage::InputFile;
 use storage::argument::{Variants, variant};
 use storage::dataset::{Columns, DatasetPlace};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, result};
@@ -210,6 +211,7 @@ pub(crate) fn track<'py>(
     spheroids: bool,
     aspect_ratio: Aspect,
     fit_diameter: bool,
+    positions: Option<PathBuf>,
     seed: u64,
     show: Show<'py>,
 ) -> PyResult<(Bound<'py, PyDict>, Vec<String>)> {
@@ -230,6 +232,7 @@ pub(crate) fn track<'py>(
             ensemble,
             shape: if spheroids { ParticleShape::Spheroid { aspect } } else { ParticleShape::Sphere },
             fit_diameter,
+            positions: positions.map(InputFile::from),
             progress: progress.clone(),
             context: tables::context(),
         };

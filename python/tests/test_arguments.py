@@ -76,6 +76,7 @@ def test_messages_name_arguments_rather_than_options_of_the_command(dataset, opt
         (lambda ds: ms.track(ds, diameter_px="a"), TypeError, "diameter_px = 'a': expected a number"),
         (lambda ds: ms.track(ds, noise_z_um=-1), ValueError, "noise_z_um = -1: expected 0 to 1000 um"),
         (lambda ds: ms.track(ds, "ncc", ensemble=True), ValueError, 'ensemble=True: expected with method="piv", not ncc'),
+        (lambda ds: ms.track(ds, "spots", positions="p.csv"), ValueError, 'positions: expected with method="ncc" or mle'),
         (lambda ds: ms.track(ds, "mle", aspect_ratio=2), ValueError, "aspect_ratio: expected with shape = 'spheroid'"),
         (lambda ds: ms.track(ds, ensemble=1), TypeError, "ensemble = 1: expected True or False"),
         (lambda ds: ms.render(ds.settings, [[1, 1, 1, 1]], seed="a"), TypeError, "seed = 'a': expected a whole"),

@@ -261,6 +261,60 @@ fn immersed_objectives_can_be_tracked() {
     }
 }
 
+/// Particles that move in depth only, far from focus, with images that overlap: the search misses some. Where there is
+/// no particle, none is measured.
+#[test]
+fn particles_at_known_positions_are_measured_where_a_search_misses_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = r#"(
+        name: "at_rest", seed: 3,
+        optics: (numerical_aperture: 0.3, pixel_dim_x: 300, pixel_dim_y: 250, background_noise: 20),
+        motion: flow(field: uniform(velocity_um_s: (0, 0, 300))), particles: (number: count(25)),
+        boundaries: (z_um: (0, 30)), timing: sequence(frames: 3, dt_s: 0.01), calibration: every_um(2),
+    )"#;
+    let dataset = generate(folder.path(), "dataset", scenario);
+    let truth = std::fs::read_to_string(dataset.join("truth/tracks.csv")).unwrap();
+    let header: Vec<&str> = truth.lines().next().unwrap().split(',').collect();
+    let column = |name: &str| header.iter().position(|own| *own == name).unwrap();
+    let columns = ["frame", "visible", "track", "x_px", "y_px"].map(column);
+    let cells = truth.lines().skip(1).map(|row| {
+        let cells: Vec<&str> = row.split(',').collect();
+        columns.map(|column| cells[column])
+    });
+    let first: Vec<[&str; 5]> = cells.filter(|cells| cells[..2] == ["0", "1"]).collect();
+    let known: Vec<String> = first.iter().map(|cells| cells[2..].join(",")).collect();
+    let known = format!("track,x_px,y_px\n{}\n900,274,180\n", known.join("\n"));
+    let known = write(folder.path(), "known.csv", known);
+    for method in ["ncc", "mle"] {
+        let searched = score(folder.path(), method);
+        let result = folder.path().join("at_known.csv");
+        let track = ["track", path(&dataset), "--method", method, "--out", path(&result), "--force"];
+        let said = run(&[&track[..], &["--positions", path(&known)]].concat());
+        assert!(said.contains("particles at 75 of 78 given positions"), "{method}: {said}");
+        let measured = json(&["evaluate", path(&dataset), path(&result)]);
+        let recall = [&searched, &measured].map(|score| number(score, "/detection/recall"));
+        assert!(recall[0] < 0.88 && recall[1] > 0.92, "{method}: {recall:?}");
+        assert!(number(&measured, "/links/f1") > 0.9, "{method}: {}", measured["links"]);
+        let rows = std::fs::read_to_string(&result).unwrap();
+        let tracks: Vec<&str> = rows.lines().skip(1).filter_map(|row| row.split(',').nth(1)).collect();
+        let is_known = |track: &&str| first.iter().any(|cells| cells[2] == *track);
+        assert!(tracks.iter().all(is_known), "{method}: {tracks:?}");
+    }
+    let out = folder.path().join("out.csv");
+    let refused = |method: &str, table: &str| {
+        let file = write(folder.path(), "wrong.csv", table);
+        let options = ["--method", method, "--positions", path(&file), "--out", path(&out)];
+        fail(2, &[&["track", path(&dataset)][..], &options].concat())
+    };
+    let said = refused("spots", "x_px,y_px\n9,9\n");
+    assert!(said.contains("--positions: expected with --method ncc or mle and spheres"), "{said}");
+    let said = refused("ncc", "x_um,y_um\n9,9\n");
+    assert!(said.contains("wrong.csv: column x_px is missing; found x_um, y_um"), "{said}");
+    let said = refused("mle", "x_px,y_px\n9,9\n9,251\n");
+    assert!(said.contains("wrong.csv:3: y_px = 251: expected 0.5 to 250.5"), "{said}");
+    assert!(!out.exists());
+}
+
 #[test]
 fn a_lost_or_additional_image_is_named_instead_of_shifting_frames() {
     let folder = tempfile::tempdir().unwrap();

@@ -8,6 +8,7 @@ use fit::{Astigmatic, FieldFiles, FieldFit, FitFiles, FitOptions, Fitted, Scan, 
 use serde_json::Value;
 use storage::advice;
 use storage::advice::{flag, option};
+use storage::dataset::{ScanParticleRow, TableReader};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{InputFile, OutputFolder, Progress};
@@ -180,29 +181,20 @@ fn by_waves(scan: &Scan, options: &FitOptions, is_field: bool) -> Result<Option<
     }))
 }
 
-/// Reads particle positions (px) from a table.
+/// Reads particle positions (px) from a table with the columns `x_px` and `y_px`.
 pub fn read_places(file: &InputFile) -> Result<Vec<[f64; 2]>> {
-    #[derive(serde::Deserialize)]
-    struct Row {
-        #[serde(alias = "x", alias = "X")]
-        x_px: f64,
-        #[serde(alias = "y", alias = "Y")]
-        y_px: f64,
-    }
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.open()?);
     let mut places = Vec::new();
-    for (i, row) in reader.deserialize::<Row>().enumerate() {
-        let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;
-        let place = [row.x_px, row.y_px];
-        if place.iter().any(|px| !(px.is_finite() && *px >= 1.0)) {
-            let what = format!(
-                "({}, {}): expected a position in px on the image, with the first pixel's center at (1, 1)",
-                place[0], place[1]
-            );
-            return Err(Error::input(format!("{}:{}: {what}", file.display(), i + 2)));
+    let names = [("x", "x_px"), ("X", "x_px"), ("y", "y_px"), ("Y", "y_px")];
+    let table = names.iter().fold(TableReader::open(file)?, |table, (own, name)| table.renamed(own, name));
+    table.rows(&["x_px", "y_px"], |_, row: ScanParticleRow| {
+        let [x, y] = [row.x_px, row.y_px];
+        if ![x, y].iter().all(|px| px.is_finite() && *px >= 1.0) {
+            let what = "expected a position in px on the image, with the first pixel's center at (1, 1)";
+            return Err(format!("({x}, {y}): {what}"));
         }
-        places.push(place);
-    }
+        places.push([x, y]);
+        Ok(())
+    })?;
     Ok(places)
 }
 

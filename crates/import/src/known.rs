@@ -7,7 +7,9 @@ use std::path::Path;
 use storage::advice;
 use storage::advice::{flag, option};
 use storage::dataset::manifest::KnownFacts;
-use storage::dataset::{FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, write_table};
+use storage::dataset::{
+    FrameRow, PlaneRow, Row, Table, TableReader, TrackRow, check_frame, check_position, write_table,
+};
 use storage::error::{Error, Result};
 use storage::{InputFile, OutputFolder};
 
@@ -49,7 +51,7 @@ impl Known {
         files: &[InputFile],
         all_particles: bool,
         frames: usize,
-        (width, height): (usize, usize),
+        size: (usize, usize),
     ) -> Result<Self> {
         let mut known = Known { all_particles, ..Known::default() };
         let mut first: Option<(&InputFile, Vec<&'static str>)> = None;
@@ -64,19 +66,18 @@ impl Known {
                     Some((other, of)) => same_columns((other, of), (file, &columns))?,
                 }
                 table.rows(&["frame", "x_px", "y_px"], |_, row: TrackRow| {
-                    in_frames(row.frame, frames)?;
+                    check_frame(row.frame, frames)?;
                     // The truth of a dataset also lists particles that no image shows.
                     if has_visible && !row.visible {
                         return Ok(());
                     }
-                    within("x_px", row.x_px, width)?;
-                    within("y_px", row.y_px, height)?;
+                    check_position([row.x_px, row.y_px], size)?;
                     known.particles.push(row);
                     Ok(())
                 })?;
             } else {
                 table.rows(&["frame", "z_um"], |_, row: PlaneRow| {
-                    in_frames(row.frame, frames)?;
+                    check_frame(row.frame, frames)?;
                     if !row.z_um.is_finite() {
                         return Err(format!("z_um = {}: expected a height in um", row.z_um));
                     }
@@ -154,23 +155,6 @@ impl Known {
 
 fn frame_table() -> Table {
     FrameRow::table(&[]).only(&["frame", "pair", "role", "t_s", "image"])
-}
-
-fn in_frames(frame: u32, frames: usize) -> std::result::Result<(), String> {
-    if (frame as usize) < frames {
-        Ok(())
-    } else {
-        Err(format!("frame = {frame}: expected 0 to {}", frames - 1))
-    }
-}
-
-fn within(name: &str, value: f64, size: usize) -> std::result::Result<(), String> {
-    let (low, high) = (0.5, size as f64 + 0.5);
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        Err(format!("{name} = {value}: expected {low} to {high}"))
-    }
 }
 
 #[cfg(test)]

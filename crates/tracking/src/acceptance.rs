@@ -14,6 +14,12 @@ pub(super) const LEAST_BRIGHTNESS: f64 = 0.25;
 const LARGEST_BRIGHTNESS: f64 = 4.0;
 pub(super) const BRIGHTNESS: std::ops::RangeInclusive<f64> = LEAST_BRIGHTNESS..=LARGEST_BRIGHTNESS;
 
+/// The same for a particle that is known to be there, which may be a cluster.
+const LEAST_KNOWN_SIGNIFICANCE: f64 = 5.0;
+const LEAST_KNOWN_CORRELATION: f64 = 0.25;
+pub(super) const LEAST_KNOWN_BRIGHTNESS: f64 = 0.05;
+const KNOWN_BRIGHTNESS: std::ops::RangeInclusive<f64> = LEAST_KNOWN_BRIGHTNESS..=20.0;
+
 /// Classification of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
@@ -25,11 +31,15 @@ pub(super) enum Verdict {
 
 /// Whether a fit is accepted as a particle, or why it is not.
 pub(super) fn verdict(fit: &ParticleFit) -> Verdict {
-    if fit.chi2_reduction <= LEAST_SIGNIFICANCE.powi(2) {
+    let (significance, correlation, brightness) = match fit.given {
+        None => (LEAST_SIGNIFICANCE, LEAST_CORRELATION, BRIGHTNESS),
+        Some(_) => (LEAST_KNOWN_SIGNIFICANCE, LEAST_KNOWN_CORRELATION, KNOWN_BRIGHTNESS),
+    };
+    if fit.chi2_reduction <= significance.powi(2) {
         Verdict::Faint
-    } else if fit.correlation <= LEAST_CORRELATION {
+    } else if fit.correlation <= correlation {
         Verdict::Unlike
-    } else if !BRIGHTNESS.contains(&fit.amplitude) {
+    } else if !brightness.contains(&fit.amplitude) {
         Verdict::OtherBrightness
     } else {
         Verdict::Particle

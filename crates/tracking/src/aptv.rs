@@ -48,7 +48,7 @@ pub(super) const METHOD: Method = Method {
         left_out.into_iter().for_each(|warning| job.warn(warning));
         curve.warning().into_iter().for_each(|warning| job.warn(warning));
         let tally = Mutex::new(Tally::default());
-        let found = job.particles(|image| {
+        let found = job.particles(|_, image| {
             let (found, image_tally) = curve.find(image);
             tally.lock().unwrap_or_else(PoisonError::into_inner).add(&image_tally);
             found

@@ -5,6 +5,7 @@ use glam::{DMat4, DVec4};
 use super::OtherSide;
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
+use super::positions::{Position, REACH_PX};
 
 /// Maximum number of iterations.
 const MAX_ITERATIONS: usize = 12;
@@ -43,6 +44,8 @@ pub(super) struct ParticleFit {
     pub(super) deviations: Option<[f64; 3]>,
     /// Diameter, um, if it is fitted.
     pub(super) d_um: Option<f64>,
+    /// The known position near which it is.
+    pub(super) given: Option<Position>,
 }
 
 /// Light beyond the expected noise counts only above this many standard deviations of that noise.
@@ -114,18 +117,32 @@ impl Residual {
 }
 
 impl ParticleFit {
-    /// The best fit near a position and depth; `step_um` is the scale of depth changes. `None` if the start
-    /// has no positive correlation with the residual.
+    /// In other coordinates of the image.
+    pub(super) fn mapped(self, map: impl Fn([f64; 2]) -> [f64; 2]) -> Self {
+        ParticleFit { at: map(self.at), given: self.given.map(|given| given.mapped(&map)), ..self }
+    }
+
+    /// After a step in the image of at most 1 px along each axis, which does not leave the surroundings of a known position.
+    pub(super) fn shifted(self, step: [f64; 2]) -> Self {
+        let at = std::array::from_fn(|axis| {
+            let moved = self.at[axis] + step[axis].clamp(-1.0, 1.0);
+            self.given
+                .map_or(moved, |given| moved.clamp(given.at[axis] - REACH_PX, given.at[axis] + REACH_PX))
+        });
+        ParticleFit { at, ..self }
+    }
+
+    /// The best fit near the position and depth of another; `step_um` is the scale of depth changes. `None` if the
+    /// start has no positive correlation with the residual.
     pub(super) fn near(
         residual: &Residual,
         images: &dyn ParticleImages,
-        at: [f64; 2],
-        z_um: f64,
+        ParticleFit { size, at, z_um, given, .. }: ParticleFit,
         step_um: f64,
     ) -> Option<ParticleFit> {
         let radius = images.radius_px(z_um, 3.0 * step_um);
         let [low, high] = images.depths_um();
-        let mut best = ParticleFit { at, z_um, ..ParticleFit::default() };
+        let mut best = ParticleFit { size, at, z_um, given, ..ParticleFit::default() };
         let (mut next, mut damping) = (best, 1e-3f64);
         let mut normal = (DMat4::ZERO, DVec4::ZERO);
         for k in 0..MAX_ITERATIONS {
@@ -154,7 +171,7 @@ impl ParticleFit {
             if !change.is_finite() {
                 return Some(best);
             }
-            next.at = [best.at[0] + change.y.clamp(-1.0, 1.0), best.at[1] + change.z.clamp(-1.0, 1.0)];
+            next = best.shifted([change.y, change.z]);
             next.z_um = (best.z_um + change.w.clamp(-1.5 * step_um, 1.5 * step_um)).clamp(low, high);
             let moved = [next.at[0] - best.at[0], next.at[1] - best.at[1], (next.z_um - best.z_um) / step_um];
             if moved.iter().all(|m| m.abs() < CONVERGED) {

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::cpu_time::Consumer;
 use super::gray_image::GrayImage;
 use super::output::{DisplacementVector, Output, Row};
+use super::positions::{Position, Positions};
 use super::recording::Recording;
 use super::{Localization, TrackOptions, link, sides};
 use storage::dataset::DatasetPlace;
@@ -19,6 +20,7 @@ pub(super) struct Job<'a> {
     pub(super) dataset: &'a DatasetPlace,
     pub(super) options: &'a TrackOptions,
     pub(super) recording: Recording,
+    pub(super) positions: Option<Positions>,
     log: Mutex<Log>,
 }
 
@@ -32,12 +34,20 @@ struct Log {
 
 impl<'a> Job<'a> {
     pub(super) fn new(dataset: &'a DatasetPlace, options: &'a TrackOptions) -> Result<Self> {
-        Ok(Job { dataset, options, recording: Recording::open(dataset)?, log: Mutex::default() })
+        let recording = Recording::open(dataset)?;
+        let read = |file| Positions::read(file, recording.frames(), recording.size());
+        let positions = options.positions.as_ref().map(read).transpose()?;
+        Ok(Job { dataset, options, recording, positions, log: Mutex::default() })
     }
 
     fn log(&self) -> std::sync::MutexGuard<'_, Log> {
         // The log stays consistent if a thread panics.
         self.log.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    /// The positions of particles in a frame, if they are given.
+    pub(super) fn given(&self, frame: usize) -> Option<&[Position]> {
+        self.positions.as_ref().map(|positions| positions.in_frame(frame))
     }
 
     /// Adds a warning to the run.
@@ -105,13 +115,22 @@ impl<'a> Job<'a> {
         done
     }
 
-    /// Localizes particles in every frame and links them.
-    pub(super) fn particles(&self, find: impl Fn(&GrayImage) -> Vec<Localization> + Sync) -> Result<Output> {
+    /// Localizes particles in every frame and links those that are not known.
+    pub(super) fn particles(
+        &self,
+        find: impl Fn(usize, &GrayImage) -> Vec<Localization> + Sync,
+    ) -> Result<Output> {
         let frames: Vec<usize> = (0..self.recording.frames()).collect();
-        let found = self.timed(&frames, |k| Ok(find(&self.recording.frame(k)?)))?;
+        let found = self.timed(&frames, |k| Ok(find(k, &self.recording.frame(k)?)))?;
         let range =
             link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
-        let mut rows = link::link(&found, range, self.recording.pairs());
+        let known: Option<Vec<Row>> = (found.iter().zip(0..))
+            .flat_map(|(points, frame)| {
+                points.iter().map(move |point| Some(Row { frame, track: point.track?, found: *point }))
+            })
+            .collect();
+        let is_known = known.is_some();
+        let mut rows = known.unwrap_or_else(|| link::link(&found, range, self.recording.pairs()));
         sides::choose(&mut rows, range.um.map_or(f64::INFINITY, |depth_h_um| depth_h_um / 3.0));
         let unsure = rows.iter().filter(|row| row.found.other.is_some()).count();
         if unsure > 0 {
@@ -120,14 +139,32 @@ impl<'a> Job<'a> {
                 rows.len()
             ));
         }
+        if let Some(positions) = &self.positions {
+            self.say_of_positions(positions, rows.len());
+        }
         self.warn_of_streaks();
         self.recording.hopeless().iter().for_each(|why| self.warn(why));
         if rows.is_empty() {
             self.warn("no particle was found in any frame; check that size, shape and optics are those of the images");
-        } else if !self.warn_of_displacements() {
+        } else if !is_known && !self.warn_of_displacements() {
             self.warn_of_few_links(&rows);
         }
         Ok(Output::Points(rows))
+    }
+
+    /// How many given positions have a particle, and whether there are frames without any.
+    fn say_of_positions(&self, positions: &Positions, measured: usize) {
+        let given: Vec<usize> =
+            (0..self.recording.frames()).map(|frame| positions.in_frame(frame).len()).collect();
+        self.note(format!("particles at {measured} of {} given positions", given.iter().sum::<usize>()));
+        let without = given.iter().filter(|n| **n == 0).count();
+        if without > 0 {
+            self.warn(format!(
+                "no positions are given in {without} of {} frames, and nothing is searched there; without the column `frame`, \
+                 positions hold for all frames",
+                given.len()
+            ));
+        }
     }
 
     /// Warns if the dataset states displacements beyond the search range.

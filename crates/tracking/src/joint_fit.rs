@@ -449,12 +449,10 @@ impl Model<'_> {
     /// A particle after a change in brightness, x, y and depth, with limited step sizes.
     fn moved(&self, particle: &ParticleFit, change: &[f64]) -> ParticleFit {
         let [low, high] = self.images[particle.size].depths_um();
-        let step = |axis: usize| particle.at[axis] + change[axis + 1].clamp(-1.0, 1.0);
         ParticleFit {
-            at: [step(0), step(1)],
             z_um: (particle.z_um + change[3].clamp(-1.5 * self.step_um, 1.5 * self.step_um)).clamp(low, high),
             amplitude: (particle.amplitude + change[0]).max(0.1 * particle.amplitude),
-            ..*particle
+            ..particle.shifted([change[1], change[2]])
         }
     }
 }

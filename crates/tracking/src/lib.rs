@@ -27,6 +27,7 @@ mod ncc;
 mod opposite;
 mod output;
 mod piv;
+mod positions;
 mod recording;
 mod regions;
 mod search;
@@ -58,7 +59,7 @@ use storage::advice::{Advice, flag, option};
 use storage::dataset::{Columns, DatasetPlace};
 use storage::error::{Error, Result};
 use storage::range::faults;
-use storage::{NumberRange, OutputFile, Progress, advice};
+use storage::{InputFile, NumberRange, OutputFile, Progress, advice};
 
 /// A tracking method.
 #[derive(Debug)]
@@ -144,6 +145,8 @@ pub struct TrackOptions {
     pub shape: ParticleShape,
     /// Whether `mle` fits the diameter of each sphere.
     pub fit_diameter: bool,
+    /// A table of positions at which `ncc` and `mle` measure spheres, instead of searching for them.
+    pub positions: Option<InputFile>,
     /// Progress display.
     pub progress: Progress,
     /// Where the renderers of `mle` keep their tables.
@@ -187,6 +190,12 @@ impl TrackOptions {
             let (fit, mle) = (flag("fit_diameter"), option("method").is("mle"));
             wrong.push(advice!(fit, ": expected with ", mle, " and spheres"));
         }
+        if self.positions.is_some()
+            && (!["ncc", "mle"].contains(&method.name) || self.shape != ParticleShape::Sphere)
+        {
+            let (positions, ncc) = (option("positions"), option("method").is("ncc"));
+            wrong.push(advice!(positions, ": expected with ", ncc, " or mle and spheres"));
+        }
         if wrong.is_empty() { Ok(method) } else { Err(Error::Options(wrong)) }
     }
 
@@ -203,6 +212,7 @@ impl TrackOptions {
             ensemble: false,
             shape: ParticleShape::Sphere,
             fit_diameter: false,
+            positions: None,
             progress,
             context: Context::default(),
         }
@@ -247,6 +257,8 @@ struct Localization {
     /// `None` for methods that measure positions only.
     shape: Option<ShapeEstimate>,
     other: Option<OtherSide>,
+    /// The particle, if it is known.
+    track: Option<i64>,
 }
 
 /// Where a particle may be instead: another fit, on the other side of the focus.

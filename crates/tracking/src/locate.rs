@@ -12,6 +12,7 @@ use super::job::Job;
 use super::joint_fit::{Model, fit_all};
 use super::maps::{KEPT_BYTES, MapTemplates};
 use super::output::Output;
+use super::positions::Position;
 use super::regions;
 use super::search::{COARSE, Search};
 use super::sides;
@@ -83,20 +84,22 @@ impl Coarse {
         Coarse { own_size: true, ..Coarse::new(&[templates], None, noise) }
     }
 
-    pub(super) fn find(&self, image: &GrayImage) -> Found {
+    /// Finds particles, or fits those at known positions only.
+    pub(super) fn find(&self, image: &GrayImage, given: Option<&[Position]>) -> Found {
         let (level, deviation) = image.background();
         let noise = PixelNoise::new(deviation.powi(2), self.noise.gain);
         let mut binned = image.binned(self.bin);
         binned.counts.iter_mut().for_each(|c| *c -= level);
         let weight = weights(&binned, noise.binned(self.bin), ROUGH_ERROR);
         let residual = Residual { image: binned, weight };
+        let (bin, middle) = (self.bin as f64, (self.bin / 2) as f64);
+        let binned: Option<Vec<Position>> = given
+            .map(|given| given.iter().map(|of| of.mapped(|at| at.map(|c| (c - middle) / bin))).collect());
         let (mut particles, rejections) = match &self.places {
-            None => Search::run(&self.templates[0], self.own_size, residual),
-            Some(places) => regions::search(&self.templates, places, &residual, self.bin),
+            None => Search::run(&self.templates[0], self.own_size, residual, binned.as_deref()),
+            Some(places) => regions::search(&self.templates, places, &residual, self.bin, binned.as_deref()),
         };
-        for fit in &mut particles {
-            fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
-        }
+        particles.iter_mut().for_each(|fit| *fit = fit.mapped(|at| at.map(|c| c * bin + middle)));
         Found { level, noise, particles, rejections }
     }
 }
@@ -167,22 +170,26 @@ impl<I: ParticleImages> Locator<I> {
             .filter_map(|templates| sides::warning(templates, noise, self.error))
             .for_each(|text| job.warn(text));
         let rejections = Mutex::new(Rejections::default());
-        let output = job.particles(|image| {
-            let (found, rejected) = self.find(image);
+        let output = job.particles(|frame, image| {
+            let (found, rejected) = self.find(image, job.given(frame));
             rejections.lock().unwrap_or_else(PoisonError::into_inner).add(rejected);
             found
         })?;
-        if output.rows() == 0 {
+        if output.rows() == 0 && job.positions.is_none() {
             job.warn(rejections.into_inner().unwrap_or_else(PoisonError::into_inner).warning());
         }
         Ok(output)
     }
 
-    /// Localizes the particles of an image and counts the rejected candidates.
-    pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
+    /// Localizes the particles of an image, or those at known positions, and counts the rejected candidates.
+    pub(super) fn find(
+        &self,
+        image: &GrayImage,
+        given: Option<&[Position]>,
+    ) -> (Vec<Localization>, Rejections) {
         let even = self.is_uneven.then(|| image.evened());
         let image = even.as_ref().unwrap_or(image);
-        let Found { level, noise, particles, rejections } = self.coarse.find(image);
+        let Found { level, noise, particles, rejections } = self.coarse.find(image, given);
         let images = self.images.iter().map(|templates| templates as &dyn ParticleImages).collect();
         let searched = self.coarse.templates.first().map_or(0, |place| place.sizes.len());
         let is_fitted = self.images.len() > searched;
@@ -204,6 +211,7 @@ impl<I: ParticleImages> Locator<I> {
             d_um: fit.d_um.or_else(|| self.diameters_um.get(fit.size).copied()),
             shape: None,
             other: fit.other.map(other_side),
+            track: fit.given.and_then(|given| given.track),
         };
         (found.map(localization).collect(), rejections)
     }

@@ -118,7 +118,7 @@ mod tests {
         for (at, z, brightness) in truth {
             ring(&mut image, at, z, brightness);
         }
-        let found = stack().find(&image).0;
+        let found = stack().find(&image, None).0;
         assert_eq!(found.len(), 3, "{found:?}");
         for ([x, y], z, _) in truth {
             let off = |f: &&Localization| (f.x_px - 1.0 - x).hypot(f.y_px - 1.0 - y);
@@ -140,7 +140,7 @@ mod tests {
         let stack = locator(&[(0..40).map(image).collect()]);
         let mut frame = noise(100);
         ring(&mut frame, [50.2, 47.9], 55.0, 200.0);
-        let found = stack.find(&frame).0;
+        let found = stack.find(&frame, None).0;
         assert_eq!(found.len(), 1, "{found:?}");
         assert!((found[0].x_px - 51.2).abs() < 0.1 && (found[0].y_px - 48.9).abs() < 0.1, "{found:?}");
         assert!((found[0].z_um.unwrap() - 55.0).abs() < 0.7, "{found:?}");
@@ -151,12 +151,12 @@ mod tests {
         let mut image = noise(120);
         ring(&mut image, [50.0, 60.0], 60.0, 200.0);
         ring(&mut image, [62.0, 60.0], 30.0, 250.0);
-        assert_eq!(stack().find(&image).0.len(), 2);
+        assert_eq!(stack().find(&image, None).0.len(), 2);
     }
 
     #[test]
     fn noise_holds_no_particles() {
-        assert_eq!(stack().find(&noise(100)).0, []);
+        assert_eq!(stack().find(&noise(100), None).0, []);
     }
 
     /// The noise of many pixels exceeds the light of a faint image, which is significant nevertheless.
@@ -175,9 +175,9 @@ mod tests {
         let mut frame = noise((300, 150), 50);
         ring(&mut frame, [80.2, 70.9], 40.0, 45.0);
         ring(&mut frame, [210.4, 80.1], 80.0, 45.0);
-        let (found, _) = stack.find(&frame);
+        let (found, _) = stack.find(&frame, None);
         assert_eq!(found.len(), 2, "{found:?}");
-        let (empty, rejections) = stack.find(&noise((100, 100), 51));
+        let (empty, rejections) = stack.find(&noise((100, 100), 51), None);
         assert_eq!(empty, []);
         assert!(rejections.warning().contains("no particles found"));
     }

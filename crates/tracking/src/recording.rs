@@ -37,6 +37,11 @@ impl Recording {
         self.images.len()
     }
 
+    /// Width and height of the images, px.
+    pub(super) fn size(&self) -> (usize, usize) {
+        (self.size.0 as usize, self.size.1 as usize)
+    }
+
     /// Whether frames 2k and 2k + 1 form independent pairs.
     pub(super) fn pairs(&self) -> bool {
         self.facts.pairs

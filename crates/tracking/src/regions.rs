@@ -6,6 +6,7 @@ use super::field_images::FieldPlaces;
 use super::fit::{ParticleFit, Residual};
 use super::gray_image::GrayImage;
 use super::maps::MapTemplates;
+use super::positions::Position;
 use super::search::Search;
 
 /// Two particles closer than this, found by two places at the border between them, are one, px.
@@ -16,6 +17,7 @@ pub(super) fn search(
     places: &FieldPlaces,
     frame: &Residual,
     bin: usize,
+    given: Option<&[Position]>,
 ) -> (Vec<ParticleFit>, Rejections) {
     let (width, height) = (frame.image.width, frame.image.height);
     let nearest = |x: f64, y: f64| places.nearest([x, y].map(|c| c * bin as f64 + (bin / 2) as f64));
@@ -43,19 +45,24 @@ pub(super) fn search(
             image: GrayImage::from_fn(size, |x, y| frame.image.counts[at(x, y)]),
             weight: (0..size.0 * size.1).map(|i| frame.weight[at(i % size.0, i / size.0)]).collect(),
         };
-        let (part_fits, rejected) = Search::run(place_search, false, part);
+        let corner = [left as f64, top as f64];
+        let given_here: Option<Vec<Position>> = given.map(|given| {
+            let in_part = given.iter().map(|given| given.mapped(|at| [at[0] - corner[0], at[1] - corner[1]]));
+            in_part.filter(|given| part.image.contains(given.at)).collect()
+        });
+        let (part_fits, rejected) = Search::run(place_search, false, part, given_here.as_deref());
         rejections.add(rejected);
-        for mut fit in part_fits {
-            fit.at = [fit.at[0] + left as f64, fit.at[1] + top as f64];
-            // Beyond the frame, the place of the nearest pixel.
-            let [x, y] =
-                [fit.at[0].clamp(0.0, width as f64 - 1.0), fit.at[1].clamp(0.0, height as f64 - 1.0)];
+        for fit in part_fits {
+            let fit = fit.mapped(|at| [at[0] + corner[0], at[1] + corner[1]]);
+            // Beyond the frame, the place of the nearest pixel; of a known position its own.
+            let at = fit.given.map_or(fit.at, |given| given.at);
+            let [x, y] = [at[0].clamp(0.0, width as f64 - 1.0), at[1].clamp(0.0, height as f64 - 1.0)];
             if nearest(x, y) == place {
                 found.push(fit);
             }
         }
     }
-    (without_twins(found), rejections)
+    (if given.is_some() { found } else { without_twins(found) }, rejections)
 }
 
 /// Keeps the better one of two particles at the same place.

@@ -4,14 +4,19 @@
 //! likely one, position, depth and brightness are fitted; if the particle is significant and similar to its
 //! template, it is subtracted from the frame, so that it is not detected twice and overlapped particles
 //! become visible. With stacks for several particle sizes, all are searched, and each particle gets the size
-//! that fits best.
+//! that fits best. At known positions, particles are fitted in the same way without the maps.
+
+use std::ops::Range;
 
 use microsig_core::cancel::checkpoint;
 
-use super::acceptance::{LEAST_BRIGHTNESS, LEAST_SIGNIFICANCE, Rejections, Verdict, verdict};
+use super::acceptance::{
+    LEAST_BRIGHTNESS, LEAST_KNOWN_BRIGHTNESS, LEAST_SIGNIFICANCE, Rejections, Verdict, verdict,
+};
 use super::fit::{ParticleFit, Residual};
 use super::images::ParticleImages;
 use super::maps::{CorrelationMaps, MapTemplates};
+use super::positions::Position;
 use super::templates::Templates;
 
 /// Number of templates of a size for which correlation maps are computed.
@@ -37,6 +42,12 @@ pub(super) const OTHER_SIDE: f64 = 3.0;
 /// Maximum number of depths from which fits start.
 const STARTS: usize = 3;
 
+/// Where templates are compared with the image around a known position, px along x and y.
+const AROUND: [isize; 3] = [-2, 0, 2];
+
+/// Number of rounds over all known positions.
+const ROUNDS: usize = 3;
+
 /// A possible particle: template and pixel.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
@@ -51,13 +62,15 @@ struct Candidate {
 /// A template at a pixel: its reduction of chi^2, and its brightness.
 #[derive(Debug, Clone, Copy, Default)]
 struct Match {
+    at: [isize; 2],
     chi2_reduction: f64,
     amplitude: f64,
 }
 
 impl Match {
-    fn is_worth_a_fit(&self) -> bool {
-        self.amplitude > WORTH_A_FIT * LEAST_BRIGHTNESS
+    fn is_worth_a_fit(&self, given: Option<Position>) -> bool {
+        let least = if given.is_some() { LEAST_KNOWN_BRIGHTNESS } else { LEAST_BRIGHTNESS };
+        self.amplitude > WORTH_A_FIT * least
     }
 }
 
@@ -74,19 +87,25 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Finds the particles in a background-subtracted frame with pixel weights and counts the rejected
-    /// candidates.
+    /// Finds the particles in a background-subtracted frame with pixel weights, or at known positions only, and
+    /// counts the rejected candidates.
     pub(super) fn run(
         maps: &'a MapTemplates,
         own_size: bool,
         residual: Residual,
+        given: Option<&[Position]>,
     ) -> (Vec<ParticleFit>, Rejections) {
         let (found, rejections) = (Vec::new(), Rejections::default());
         let mut search = Search { maps, templates: &maps.sizes, own_size, residual, found, rejections };
-        for candidate in search.candidates() {
-            search.take(candidate);
+        match given {
+            Some(given) => search.measure(given),
+            None => {
+                for candidate in search.candidates() {
+                    search.take(candidate);
+                }
+                search.again();
+            }
         }
-        search.again();
         (search.found, search.rejections)
     }
 
@@ -128,18 +147,13 @@ impl<'a> Search<'a> {
         let now = self.match_at(size, template, x, y);
         if now.chi2_reduction
             < 0.5 * f64::from(candidate.chi2_reduction).min(4.0 * LEAST_SIGNIFICANCE.powi(2))
-            || !now.is_worth_a_fit()
+            || !now.is_worth_a_fit(None)
         {
             return;
         }
         let sizes = if self.own_size { size..size + 1 } else { 0..self.templates.len() };
-        let fits = sizes.flat_map(|size| self.fits(size, x, y));
-        let is_particle = |fit: &ParticleFit| verdict(fit) == Verdict::Particle;
-        // A particle of another size may fit the data better but be much too bright.
-        let best = fits.max_by(|a, b| {
-            is_particle(a).cmp(&is_particle(b)).then(a.chi2_reduction.total_cmp(&b.chi2_reduction))
-        });
-        let Some(fit) = best else { return };
+        let at = [x as f64, y as f64];
+        let Some(fit) = self.best(sizes, ParticleFit { at, ..ParticleFit::default() }) else { return };
         let verdict = verdict(&fit);
         self.rejections.count(verdict);
         if verdict == Verdict::Particle {
@@ -150,27 +164,80 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Fits of a particle of this size at a pixel, starting from the depths whose templates resemble the
-    /// residual most.
-    fn fits(&self, size: usize, x: isize, y: isize) -> Vec<ParticleFit> {
-        let templates = &self.templates[size];
-        let over_depth: Vec<Match> = (0..templates.len()).map(|k| self.match_at(size, k, x, y)).collect();
+    /// Fits a particle at each given position, first where most light is, then again with all others subtracted.
+    fn measure(&mut self, given: &[Position]) {
+        let sizes = 0..self.templates.len();
+        let light = |start: &ParticleFit| -> f64 {
+            let matches = sizes.clone().flat_map(|size| self.over_depth(&ParticleFit { size, ..*start }));
+            matches.map(|found| found.chi2_reduction).fold(0.0, f64::max)
+        };
+        let start = |at: &Position| ParticleFit { at: at.at, given: Some(*at), ..ParticleFit::default() };
+        let mut starts: Vec<ParticleFit> = given.iter().map(start).collect();
+        starts.sort_by_cached_key(|start| std::cmp::Reverse(light(start).to_bits()));
+        let mut fits: Vec<Option<ParticleFit>> = vec![None; starts.len()];
+        for round in 1..=ROUNDS {
+            for (start, own) in starts.iter().zip(&mut fits) {
+                if let Some(fit) = own {
+                    self.residual.add(self.templates, fit, 1.0);
+                }
+                let best = self.best(sizes.clone(), *start).map(|best| self.at_other_depths(best));
+                *own = best.filter(|best| verdict(best) == Verdict::Particle);
+                if let Some(fit) = own {
+                    if round == ROUNDS {
+                        fit.other_z_um = self.other_side(fit);
+                    }
+                    self.residual.add(self.templates, fit, -1.0);
+                }
+            }
+        }
+        self.found = fits.into_iter().flatten().collect();
+    }
+
+    /// The best fit of a particle of one of these sizes.
+    fn best(&self, sizes: Range<usize>, start: ParticleFit) -> Option<ParticleFit> {
+        let is_particle = |fit: &ParticleFit| verdict(fit) == Verdict::Particle;
+        // A particle of another size may fit the data better but be much too bright.
+        let fits = sizes.flat_map(|size| self.fits(&ParticleFit { size, ..start }));
+        fits.max_by(|a, b| {
+            is_particle(a).cmp(&is_particle(b)).then(a.chi2_reduction.total_cmp(&b.chi2_reduction))
+        })
+    }
+
+    /// The matches of all templates of a particle's size at its pixel, or around its known position.
+    fn over_depth(&self, of: &ParticleFit) -> Vec<Match> {
+        let [x, y] = of.given.map_or(of.at, |given| given.at).map(|at| at.round() as isize);
+        let around = if of.given.is_some() { &AROUND[..] } else { &[0] };
+        let best = |template: usize| {
+            let all = around.iter().flat_map(|dy| around.iter().map(move |dx| (x + dx, y + dy)));
+            let all = all.map(|(x, y)| self.match_at(of.size, template, x, y));
+            all.max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction)).unwrap_or_default()
+        };
+        (0..self.templates[of.size].len()).map(best).collect()
+    }
+
+    /// Fits of a particle, starting from the depths whose templates resemble the residual most.
+    fn fits(&self, of: &ParticleFit) -> Vec<ParticleFit> {
+        let over_depth = self.over_depth(of);
         let at =
             |k: usize, d: isize| over_depth.get(k.wrapping_add_signed(d)).map_or(0.0, |m| m.chi2_reduction);
         let mut starts: Vec<usize> = (0..over_depth.len())
-            .filter(|&k| over_depth[k].is_worth_a_fit() && at(k, 0) >= at(k, -1) && at(k, 0) > at(k, 1))
+            .filter(|&k| {
+                over_depth[k].is_worth_a_fit(of.given) && at(k, 0) >= at(k, -1) && at(k, 0) > at(k, 1)
+            })
             .collect();
         starts.sort_by(|a, b| over_depth[*b].chi2_reduction.total_cmp(&over_depth[*a].chi2_reduction));
         starts.truncate(STARTS);
-        let fits = starts.into_iter();
-        fits.filter_map(|k| self.fit(size, [x as f64, y as f64], templates.depth_um(k))).collect()
+        let start = |k: usize| {
+            let (at, z_um) = (over_depth[k].at.map(|c| c as f64), self.templates[of.size].depth_um(k));
+            ParticleFit { at, z_um, ..*of }
+        };
+        starts.into_iter().filter_map(|k| self.fit(start(k))).collect()
     }
 
-    fn fit(&self, size: usize, at: [f64; 2], z_um: f64) -> Option<ParticleFit> {
+    fn fit(&self, start: ParticleFit) -> Option<ParticleFit> {
         checkpoint();
-        let templates = &self.templates[size];
-        let fit = ParticleFit::near(&self.residual, templates, at, z_um, templates.step_um())?;
-        Some(ParticleFit { size, ..fit })
+        let templates = &self.templates[start.size];
+        ParticleFit::near(&self.residual, templates, start, templates.step_um())
     }
 
     /// The best of a fit and of fits that start at nearby depths: near the focus, images at several depths
@@ -180,7 +247,7 @@ impl<'a> Search<'a> {
         let [low, high] = templates.depths_um();
         let depths = OTHER_DEPTHS.map(|d| fit.z_um + d * templates.step_um());
         let inside = depths.into_iter().filter(|d| (low..=high).contains(d));
-        let fits = inside.filter_map(|z_um| self.fit(fit.size, fit.at, z_um));
+        let fits = inside.filter_map(|z_um| self.fit(ParticleFit { z_um, ..fit }));
         fits.fold(fit, |best, other| if other.chi2_reduction > best.chi2_reduction { other } else { best })
     }
 
@@ -215,9 +282,7 @@ impl<'a> Search<'a> {
     fn again(&mut self) {
         for fit in std::mem::take(&mut self.found) {
             self.residual.add(self.templates, &fit, 1.0);
-            if let Some(better) =
-                self.fit(fit.size, fit.at, fit.z_um).filter(|fit| verdict(fit) == Verdict::Particle)
-            {
+            if let Some(better) = self.fit(fit).filter(|fit| verdict(fit) == Verdict::Particle) {
                 let other_z_um = self.other_side(&better);
                 self.residual.add(self.templates, &better, -1.0);
                 self.found.push(ParticleFit { other_z_um, ..better });
@@ -227,14 +292,13 @@ impl<'a> Search<'a> {
 
     /// The depth of another fit that is nearly as good.
     fn other_side(&self, fit: &ParticleFit) -> Option<f64> {
-        let [x, y] = fit.at.map(|at| at.round() as isize);
         let apart = OTHER_SIDE * self.templates[fit.size].step_um();
         let is_other = |other: &ParticleFit| {
             (other.z_um - fit.z_um).abs() > apart
                 && other.chi2_reduction > NEARLY_AS_GOOD * fit.chi2_reduction
                 && verdict(other) == Verdict::Particle
         };
-        let others = self.fits(fit.size, x, y).into_iter().filter(is_other);
+        let others = self.fits(fit).into_iter().filter(is_other);
         others.max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction)).map(|other| other.z_um)
     }
 
@@ -260,9 +324,10 @@ impl<'a> Search<'a> {
             }
         }
         if own > 0.0 && both > 0.0 {
-            Match { chi2_reduction: f64::from(both * both / own), amplitude: f64::from(both / own) }
+            let (chi2_reduction, amplitude) = (f64::from(both * both / own), f64::from(both / own));
+            Match { at: [x, y], chi2_reduction, amplitude }
         } else {
-            Match::default()
+            Match { at: [x, y], ..Match::default() }
         }
     }
 }

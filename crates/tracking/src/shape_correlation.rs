@@ -41,7 +41,7 @@ const BORDER: usize = 6;
 /// Tracks spheroids by correlation.
 pub(super) fn particles(job: &Job, aspect: AspectRatio) -> Result<Output> {
     let spheroids = Spheroids::new(job, aspect)?;
-    job.particles(|frame| spheroids.correlated(frame))
+    job.particles(|_, image| spheroids.correlated(image))
 }
 
 /// The spheroids near those found by a search: for each, the matches at the maxima over depth, best first.

@@ -174,7 +174,7 @@ impl Spheroids {
 
     /// The particles of a frame by correlation.
     fn matched(&self, frame: &GrayImage) -> Matched<'_> {
-        let found = self.coarse.find(frame);
+        let found = self.coarse.find(frame, None);
         let counts: Vec<f32> = frame.counts.iter().map(|counts| counts - found.level).collect();
         let image = GrayImage { counts: counts.clone(), ..*frame };
         let weight = locate::weights(&image, found.noise, shape_correlation::IMAGE_ERROR);
@@ -399,7 +399,7 @@ impl Spheroids {
 /// Tracks spheroids by maximum likelihood.
 pub(super) fn particles(job: &Job, aspect: AspectRatio) -> Result<Output> {
     let spheroids = Spheroids::new(job, aspect)?;
-    job.particles(|frame| spheroids.fitted(frame))
+    job.particles(|_, image| spheroids.fitted(image))
 }
 
 /// Fits by drafts of the images, subtracted from the residual, without the ghosts: light that the matches left beside a

@@ -22,7 +22,7 @@ pub(super) const METHOD: Method = Method {
         let (images_px, diameter_px) = (job.recording.image_diameter_px(), job.options.diameter_px);
         images_px.and_then(|px| defocused(px, diameter_px)).into_iter().for_each(|w| job.warn(w));
         let detector = LogDetector::new(job.options.diameter_px);
-        let output = job.particles(|image| detector.find(image))?;
+        let output = job.particles(|_, image| detector.find(image))?;
         if output.rows() == 0 {
             job.warn(format!(
                 "no particles found: nothing of {} px in diameter exceeds {ABOVE_NOISE} standard deviations of \

@@ -8,11 +8,11 @@ use clap::{Args, ValueEnum};
 use super::Common;
 use super::options::{Drawing, ImageTables, Replace};
 use super::output::{progress, warn, written};
-use storage::OutputFile;
 use storage::advice;
 use storage::advice::option;
-use storage::argument::output;
+use storage::argument::{input, output};
 use storage::error::{Error, Result};
+use storage::{InputFile, OutputFile};
 use tracking::{AspectRatio, METHODS, ParticleShape, TrackOptions, track};
 
 /// Run a baseline tracker
@@ -59,6 +59,10 @@ pub(super) struct TrackerOptions {
     /// Fit the diameter of each sphere, from half the smallest to twice the largest calibrated one (mle)
     #[arg(long)]
     fit_diameter: bool,
+    /// CSV file with the columns `x_px` and `y_px` of particles whose depth is measured in all frames, or only in those of
+    /// its column `frame`; other particles are not searched for (ncc, mle)
+    #[arg(long, value_name = "FILE", value_parser = input())]
+    positions: Option<InputFile>,
     /// Standard deviation of the noise in x and y (truth-noise)
     #[arg(long, value_name = "PX", default_value_t = TrackOptions::NOISE_PX)]
     noise_xy: f64,
@@ -78,6 +82,7 @@ impl TrackerOptions {
             || self.shape != ShapeChoice::Sphere
             || self.aspect_ratio.is_some()
             || self.fit_diameter
+            || self.positions.is_some()
     }
 
     /// The options of a method.
@@ -93,6 +98,7 @@ impl TrackerOptions {
             noise_z_um: self.noise_z,
             ensemble: self.ensemble,
             fit_diameter: self.fit_diameter,
+            positions: self.positions.clone(),
             shape: match self.shape {
                 ShapeChoice::Sphere => ParticleShape::Sphere,
                 ShapeChoice::Spheroid => {

@@ -17,7 +17,7 @@ mod write;
 
 pub use hopeless::{USUAL_N_S, digits, hopeless, usual_ppp};
 pub use place::{DatasetInMemory, DatasetPlace};
-pub use read::{Record, TableReader, read_rows};
+pub use read::{Record, TableReader, check_frame, check_position, read_rows};
 pub use recording::{LARGEST_UM, RecordingFacts};
 pub use rows::{
     BoxRow, CalibrationRow, DepthRow, DisplacementRow, FieldRow, FrameRow, PlaneRow, ScanParticleRow,

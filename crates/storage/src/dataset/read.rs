@@ -40,7 +40,7 @@ fn unreadable(name: &str, error: csv::Error) -> Error {
 impl<R: Read> TableReader<R> {
     /// A table of this name in messages.
     pub fn new(name: &str, reader: R) -> Result<Self> {
-        let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(reader);
+        let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(reader);
         let header = reader.headers().map_err(|e| unreadable(name, e))?;
         let header: Vec<String> = header.iter().map(str::to_owned).collect();
         Ok(TableReader { name: name.to_owned(), reader, header, record: csv::StringRecord::new() })
@@ -54,6 +54,12 @@ impl<R: Read> TableReader<R> {
     /// Number of a column.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.header.iter().position(|own| own == name)
+    }
+
+    /// The same with a column called `name`.
+    pub fn renamed(mut self, column: &str, name: &str) -> Self {
+        self.header.iter_mut().filter(|own| *own == column).for_each(|own| *own = name.to_owned());
+        self
     }
 
     /// The cells of the next row and its line. Errors: a file that cannot be read; a row of another length
@@ -147,6 +153,26 @@ pub fn read_rows<T: Row>(dataset: &Path, needed: &[&str]) -> Result<Vec<T>> {
     };
     TableReader::open(dataset.join(T::PATH))?.rows(needed, keep)?;
     Ok(rows)
+}
+
+/// Refuses a frame that a recording does not have.
+pub fn check_frame(frame: u32, frames: usize) -> std::result::Result<(), String> {
+    if (frame as usize) < frames {
+        Ok(())
+    } else {
+        Err(format!("frame = {frame}: expected 0 to {}", frames - 1))
+    }
+}
+
+/// Refuses a position (px, the first pixel's center is 1) beyond images of this size.
+pub fn check_position(at: [f64; 2], (width, height): (usize, usize)) -> std::result::Result<(), String> {
+    for (name, value, size) in [("x_px", at[0], width), ("y_px", at[1], height)] {
+        let (low, high) = (0.5, size as f64 + 0.5);
+        if !(low..=high).contains(&value) {
+            return Err(format!("{name} = {value}: expected {low} to {high}"));
+        }
+    }
+    Ok(())
 }
 
 /// The cells of a row while it is read.
