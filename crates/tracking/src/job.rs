@@ -131,7 +131,8 @@ impl<'a> Job<'a> {
             .collect();
         let is_known = known.is_some();
         let mut rows = known.unwrap_or_else(|| link::link(&found, range, self.recording.pairs()));
-        sides::choose(&mut rows, range.um.map_or(f64::INFINITY, |depth_h_um| depth_h_um / 3.0));
+        let at_rest = self.positions.as_ref().is_some_and(Positions::hold_for_all_frames);
+        sides::choose(&mut rows, range.um.map_or(f64::INFINITY, |depth_h_um| depth_h_um / 3.0), at_rest);
         let unsure = rows.iter().filter(|row| row.found.other.is_some()).count();
         if unsure > 0 {
             self.note(format!(

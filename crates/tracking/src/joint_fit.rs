@@ -14,7 +14,7 @@ use super::denoise::PixelNoise;
 use super::fit::{Agreement, ParticleFit};
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
-use super::search::OTHER_SIDE;
+use super::search::are_apart;
 
 /// Number of rounds over all groups.
 const ROUNDS: usize = 3;
@@ -32,7 +32,7 @@ const MAX_ITERATIONS: usize = 12;
 const CONVERGED: f64 = 1e-3;
 
 /// By how much, in -2 ln of the likelihood, one point may decide on which side of the focus its track is.
-const MOST_BY_A_POINT: f64 = 30.0;
+pub(super) const MOST_BY_A_POINT: f64 = 30.0;
 
 /// Fits are not determined if a parameter depends on the others to within this.
 const SINGULAR: f64 = 1e-10;
@@ -168,7 +168,7 @@ impl<'a> Frame<'a> {
         sides.sort_by(|a, b| b.chi2_reduction.total_cmp(&a.chi2_reduction));
         let [best, worse] = sides;
         let ParticleFit { at, z_um, deviations, .. } = worse;
-        let is_apart = (z_um - best.z_um).abs() > OTHER_SIDE * self.model.step_um;
+        let is_apart = are_apart(&best, &worse, self.model.step_um);
         // Errors of the images leave more than noise, and may favor the wrong side by far.
         let cost = (best.chi2_reduction - worse.chi2_reduction) / best.misfit.max(1.0);
         let cost = cost.min(MOST_BY_A_POINT);

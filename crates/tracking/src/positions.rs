@@ -81,6 +81,11 @@ impl Positions {
         if twice.is_empty() { Ok(Positions { has_frames, of }) } else { Err(Error::Input(twice)) }
     }
 
+    /// Whether the particles are at rest in the image.
+    pub(super) fn hold_for_all_frames(&self) -> bool {
+        !self.has_frames
+    }
+
     /// The positions in a frame.
     pub(super) fn in_frame(&self, frame: usize) -> &[Position] {
         self.of.get(&self.has_frames.then_some(frame as u32)).map_or(&[], Vec::as_slice)

@@ -35,9 +35,11 @@ const SAME_PLACE_PX: f64 = 3.0;
 const AS_GOOD: f64 = 0.97;
 
 /// A fit at another depth is compared again in the final fit if it achieves this fraction of the reduction of
-/// chi^2; and the least difference of these depths, in depth steps.
+/// chi^2; and the least difference of these depths, in depth steps, less at a known position, where all others
+/// tell which is right.
 const NEARLY_AS_GOOD: f64 = 0.9;
-pub(super) const OTHER_SIDE: f64 = 3.0;
+const OTHER_SIDE: f64 = 3.0;
+const OTHER_SIDE_OF_KNOWN: f64 = 1.0;
 
 /// Maximum number of depths from which fits start.
 const STARTS: usize = 3;
@@ -72,6 +74,12 @@ impl Match {
         let least = if given.is_some() { LEAST_KNOWN_BRIGHTNESS } else { LEAST_BRIGHTNESS };
         self.amplitude > WORTH_A_FIT * least
     }
+}
+
+/// Whether two fits of a particle are at depths that may be on both sides of the focus.
+pub(super) fn are_apart(fit: &ParticleFit, other: &ParticleFit, step_um: f64) -> bool {
+    let steps = if fit.given.is_some() { OTHER_SIDE_OF_KNOWN } else { OTHER_SIDE };
+    (other.z_um - fit.z_um).abs() > steps * step_um
 }
 
 /// The state of the search in a frame.
@@ -290,16 +298,19 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The depth of another fit that is nearly as good.
+    /// The depth of another fit that is nearly as good, rather of one that is far from it.
     fn other_side(&self, fit: &ParticleFit) -> Option<f64> {
-        let apart = OTHER_SIDE * self.templates[fit.size].step_um();
+        let step_um = self.templates[fit.size].step_um();
         let is_other = |other: &ParticleFit| {
-            (other.z_um - fit.z_um).abs() > apart
+            are_apart(fit, other, step_um)
                 && other.chi2_reduction > NEARLY_AS_GOOD * fit.chi2_reduction
                 && verdict(other) == Verdict::Particle
         };
+        let is_far = |other: &ParticleFit| (other.z_um - fit.z_um).abs() > OTHER_SIDE * step_um;
         let others = self.fits(fit).into_iter().filter(is_other);
-        others.max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction)).map(|other| other.z_um)
+        let best = others
+            .max_by(|a, b| is_far(a).cmp(&is_far(b)).then(a.chi2_reduction.total_cmp(&b.chi2_reduction)));
+        best.map(|other| other.z_um)
     }
 
     /// Match of a template at a pixel with the residual.

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 
 use super::Localization;
 use super::denoise::PixelNoise;
+use super::joint_fit::MOST_BY_A_POINT;
 use super::output::Row;
 use super::shape_fit::LEAST_LIKELIHOOD;
 use super::templates::Templates;
@@ -82,23 +83,26 @@ const JUMP: f64 = 1e9;
 
 /// Decides on which side of the focus each point is with the rest of its track: of all ways through the points of a track
 /// on either side, those with the fewest jumps by more than `reach_um` in depth, and of those the most likely. The other
-/// side then has the likelihood of the best way through it, and is left out if that is small.
-pub(super) fn choose(rows: &mut [Row], reach_um: f64) {
+/// side then has the likelihood of the best way through it, and is left out if that is small. Particles that are `at_rest`
+/// in the image move alike in depth, with the stage: steps unlike the others' between the same frames are less likely.
+pub(super) fn choose(rows: &mut [Row], reach_um: f64, at_rest: bool) {
     let mut tracks: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
     rows.iter().enumerate().for_each(|(k, row)| tracks.entry(row.track).or_default().push(k));
+    let steps = if at_rest { common_steps(rows, tracks.values()) } else { Steps::new() };
     for track in tracks.into_values() {
-        let sides = |k: &usize| -> Sides {
+        let sides = |k: &usize| -> Point {
             let Localization { z_um, other, .. } = rows[*k].found;
             let z_um = z_um.unwrap_or_default();
-            [(z_um, 0.0), other.map_or((z_um, f64::INFINITY), |other| (other.z_um, other.cost))]
+            let other = other.map_or((z_um, f64::INFINITY), |other| (other.z_um, other.cost));
+            Point { frame: rows[*k].frame, sides: [(z_um, 0.0), other] }
         };
         let points: Vec<_> = track.iter().map(sides).collect();
-        let forward = costs(points.iter(), reach_um);
-        let backward = costs(points.iter().rev(), reach_um).into_iter().rev();
+        let forward = costs(points.iter(), reach_um, &steps);
+        let backward = costs(points.iter().rev(), reach_um, &steps).into_iter().rev();
         for (((k, own), before), after) in track.into_iter().zip(&points).zip(forward).zip(backward) {
             let found = &mut rows[k].found;
             let Some(mut other) = found.other else { continue };
-            let through = [0, 1].map(|side| before[side] + after[side] - own[side].1);
+            let through = [0, 1].map(|side| before[side] + after[side] - own.sides[side].1);
             other.cost = through[1] - through[0];
             found.other = Some(other);
             if other.cost < 0.0
@@ -112,15 +116,58 @@ pub(super) fn choose(rows: &mut [Row], reach_um: f64) {
 }
 
 /// Depth of a point, and -2 ln of its likelihood, on this side of the focus and on the other.
-type Sides = [(f64, f64); 2];
+struct Point {
+    frame: u32,
+    sides: [(f64, f64); 2],
+}
+
+/// From a frame to the next or the one before, the median change in depth of particles and its robust standard
+/// deviation, um.
+type Steps = BTreeMap<[u32; 2], [f64; 2]>;
+
+/// Fewest particles that tell how all move, and the least standard deviation, um.
+const FEWEST: usize = 8;
+const LEAST_UM: f64 = 1e-3;
+
+/// How all particles move in depth from frame to frame, in both directions of time.
+fn common_steps<'a>(rows: &[Row], tracks: impl Iterator<Item = &'a Vec<usize>>) -> Steps {
+    let mut all: BTreeMap<[u32; 2], Vec<f64>> = BTreeMap::new();
+    for pair in tracks.flat_map(|track| track.windows(2)) {
+        let [from, to] = [&rows[pair[0]], &rows[pair[1]]];
+        if let Some((from_um, to_um)) = from.found.z_um.zip(to.found.z_um) {
+            all.entry([from.frame, to.frame]).or_default().push(to_um - from_um);
+        }
+    }
+    let median = |of: &mut Vec<f64>| {
+        of.sort_by(f64::total_cmp);
+        of[of.len() / 2]
+    };
+    all.retain(|_, steps| steps.len() >= FEWEST);
+    let robust = |([from, to], mut steps): ([u32; 2], Vec<f64>)| {
+        let middle = median(&mut steps);
+        steps.iter_mut().for_each(|step| *step = (*step - middle).abs());
+        let sd = 1.48 * median(&mut steps);
+        [([from, to], [middle, sd]), ([to, from], [-middle, sd])]
+    };
+    all.into_iter().flat_map(robust).collect()
+}
 
 /// The least cost of a way through all points up to each of them, which is on this side of the focus or on the other.
-fn costs<'a>(points: impl Iterator<Item = &'a Sides>, reach_um: f64) -> Vec<[f64; 2]> {
-    let mut before: Option<(&Sides, [f64; 2])> = None;
-    let up_to = |point: &'a Sides| {
-        let cost = point.map(|(z_um, own)| {
+fn costs<'a>(points: impl Iterator<Item = &'a Point>, reach_um: f64, steps: &Steps) -> Vec<[f64; 2]> {
+    let mut before: Option<(&Point, [f64; 2])> = None;
+    let up_to = |point: &'a Point| {
+        let cost = point.sides.map(|(z_um, own)| {
             let Some((from, costs)) = before else { return own };
-            let jump = |side: usize| if (from[side].0 - z_um).abs() > reach_um { JUMP } else { 0.0 };
+            let jump = |side: usize| {
+                let from_um = from.sides[side].0;
+                if (from_um - z_um).abs() > reach_um {
+                    return JUMP;
+                }
+                let unlike = |[common_um, sd_um]: &[f64; 2]| {
+                    ((z_um - from_um - common_um) / sd_um.max(LEAST_UM)).powi(2).min(MOST_BY_A_POINT)
+                };
+                steps.get(&[from.frame, point.frame]).map_or(0.0, unlike)
+            };
             own + f64::min(costs[0] + jump(0), costs[1] + jump(1))
         });
         before = Some((point, cost));
@@ -149,22 +196,38 @@ mod tests {
         Templates::new(depths, (-10..=10).map(image).collect(), PixelNoise::new(4.0, 0.0))
     }
 
+    /// A point that may be at this depth or, less likely by this cost, at the opposite one; more likely if it is negative.
+    fn point(track: i64, frame: u32, z_um: f64, cost: f64) -> Row {
+        let [z_um, other_z_um, cost] = if cost < 0.0 { [-z_um, z_um, -cost] } else { [z_um, -z_um, cost] };
+        let other = Some(OtherSide { at: [1.0; 2], z_um: other_z_um, deviations: None, cost });
+        Row { frame, track, found: Localization { z_um: Some(z_um), other, ..Localization::default() } }
+    }
+
+    /// Particles on a stage in steps of 5 um through the focus; three are more likely on the other side next to it.
+    #[test]
+    fn particles_at_rest_move_alike() {
+        let height = |frame: u32| 5.0 * f64::from(frame) - 8.0;
+        let points = (0..12).flat_map(|track| (0..4).map(move |frame| (track, frame)));
+        let all: Vec<Row> = points
+            .map(|(track, frame)| {
+                let own = 0.1 * (track % 4 * i64::from(frame)) as f64;
+                point(track, frame, height(frame) + own, if track < 3 && frame == 1 { -9.0 } else { 2.0 })
+            })
+            .collect();
+        for (at_rest, wrong) in [(false, 3), (true, 0)] {
+            let mut rows = all.clone();
+            choose(&mut rows, 30.0, at_rest);
+            let is_wrong = |row: &&Row| (row.found.z_um.unwrap_or_default() - height(row.frame)).abs() > 2.0;
+            assert_eq!(rows.iter().filter(is_wrong).count(), wrong);
+        }
+    }
+
     /// A particle that sinks from 30 um to 10 um; one of its five points is more likely on the other side by itself.
     #[test]
     fn the_side_of_a_point_is_the_side_of_its_track() {
-        let point = |(frame, cost): (u32, f64)| {
-            let z_um = 30.0 - 5.0 * f64::from(frame);
-            let [z_um, other_z_um, cost] =
-                if cost < 0.0 { [-z_um, z_um, -cost] } else { [z_um, -z_um, cost] };
-            let other = Some(OtherSide { at: [1.0; 2], z_um: other_z_um, deviations: None, cost });
-            Row {
-                frame,
-                track: 0,
-                found: Localization { z_um: Some(z_um), other, ..Localization::default() },
-            }
-        };
+        let point = |(frame, cost): (u32, f64)| point(0, frame, 30.0 - 5.0 * f64::from(frame), cost);
         let mut rows: Vec<Row> = (0..5).zip([2.0, 3.0, -1.0, 2.0, 3.0]).map(point).collect();
-        choose(&mut rows, 10.0);
+        choose(&mut rows, 10.0, false);
         let depths: Vec<f64> = rows.iter().filter_map(|row| row.found.z_um).collect();
         assert_eq!(depths, [30.0, 25.0, 20.0, 15.0, 10.0]);
         // All on the other side.
