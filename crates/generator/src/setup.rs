@@ -34,7 +34,7 @@ use scenario::spec::{
 };
 use scenario::{Scenario, build};
 use storage::dataset::CalibrationRow;
-use storage::{Progress, Result, save_bytes};
+use storage::{Progress, Result, save};
 
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
@@ -289,7 +289,7 @@ impl Frame<'_> {
     /// Writes the image as TIFF.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
-        save_bytes(path, &self.recording.camera.tiff(&self.image(), None, path)?)
+        save(path, |writer| self.recording.camera.write_tiff(writer, &self.image(), None, path))
     }
 
     /// The truth: the rows of the tables of a dataset, with signal-to-noise ratio and overlap of each particle

@@ -190,7 +190,7 @@ impl Frames {
             }
             let image = image(counts);
             if shown {
-                sheet.add(frame as u32, &image);
+                sheet.add(frame as u32, ContactSheet::tile(&image));
             }
             if !is_kept {
                 let name = folder.join(&path).display().to_string();

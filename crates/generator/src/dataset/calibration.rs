@@ -299,8 +299,8 @@ pub fn write(
             data_file::write(w, &particle, layout).map_err(Error::write(&folder.join(&data)))
         })?;
         let plane = StackPlane::of(&stack.depths_um, row % stack.depths_um.len());
-        let bytes = stack.camera.tiff(&stack.image(row), plane, &folder.join(&image))?;
-        folder.save_bytes(&image, &*bytes)
+        let name = folder.join(&image);
+        folder.save(&image, |writer| stack.camera.write_tiff(writer, &stack.image(row), plane, &name))
     })?;
     write_table(folder, &stack.table, &stack.rows())
 }

@@ -1,10 +1,9 @@
 //! Renders particles to images and image files.
 
-use std::io::Cursor;
+use std::io::{Seek, Write};
 use std::path::Path;
 
 use microsig_core::formats::tiff::{self, PixelScale, StackPlane};
-use microsig_core::pool::{BufferPool, Pooled};
 use microsig_core::render::{ImageStreams, Renderer};
 use microsig_core::sensor::{Detector, Image, Light, Sensor};
 use microsig_core::stream::{Purpose, Streams};
@@ -22,7 +21,6 @@ pub struct Camera {
     streams: Streams,
     rays: Purpose,
     noise: Purpose,
-    files: BufferPool<Vec<u8>>,
 }
 
 impl Camera {
@@ -43,7 +41,6 @@ impl Camera {
             streams,
             rays: Purpose::Rays,
             noise: Purpose::BackgroundNoise,
-            files: BufferPool::default(),
         }
     }
 
@@ -87,11 +84,16 @@ impl Camera {
         sensor.expose(&part, &self.streams, self.noise, frame)
     }
 
-    /// An image as TIFF with its scale. `plane`: its place in a stack; `name`: of the file, for messages.
-    pub fn tiff(&self, image: &Image, plane: Option<StackPlane>, name: &Path) -> Result<Pooled<'_, Vec<u8>>> {
-        let mut bytes = self.files.get();
+    /// Writes an image as TIFF with its scale. `plane`: its place in a stack; `name`: of the file, for
+    /// messages.
+    pub fn write_tiff(
+        &self,
+        writer: impl Write + Seek,
+        image: &Image,
+        plane: Option<StackPlane>,
+        name: &Path,
+    ) -> Result<()> {
         let scale = PixelScale { plane, ..self.scale };
-        tiff::write(Cursor::new(&mut *bytes), image, &scale, &name.display().to_string())?;
-        Ok(bytes)
+        Ok(tiff::write(writer, image, &scale, &name.display().to_string())?)
     }
 }

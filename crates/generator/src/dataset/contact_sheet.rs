@@ -34,9 +34,14 @@ impl ContactSheet {
         }
     }
 
+    /// The image of a frame, as the sheet shows it.
+    pub fn tile(image: &Image) -> GrayImage {
+        fit(stretch(image))
+    }
+
     /// Adds a frame.
-    pub fn add(&mut self, frame: u32, image: &Image) {
-        self.tiles.push((frame, fit(stretch(image))));
+    pub fn add(&mut self, frame: u32, tile: GrayImage) {
+        self.tiles.push((frame, tile));
     }
 
     /// Writes the sheet as `preview.png`.
@@ -78,10 +83,16 @@ fn fit(image: GrayImage) -> GrayImage {
 /// arithmetic gives the same bytes on all machines.
 fn stretch(image: &Image) -> GrayImage {
     let whole = image.counts.whole();
-    let mut counts = whole.to_vec();
-    let mut quantile = |per_mille: usize| {
-        let rank = (counts.len() - 1) * per_mille / 1000;
-        u32::from(*counts.select_nth_unstable(rank).1)
+    let mut pixels_at = vec![0u32; 1 << 16];
+    whole.iter().for_each(|count| pixels_at[usize::from(*count)] += 1);
+    let quantile = |per_mille: usize| {
+        let rank = ((whole.len() - 1) * per_mille / 1000) as u32;
+        let mut below = 0;
+        let passes = |pixels: &u32| {
+            below += pixels;
+            below > rank
+        };
+        pixels_at.iter().position(passes).unwrap_or_default() as u32
     };
     let black = quantile(10);
     let white = quantile(998).max(black + 1);

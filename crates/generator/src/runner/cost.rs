@@ -10,7 +10,7 @@ use flows::{Frame, Tracer};
 use microsig_core::{Particle, emission};
 use serde::Serialize;
 
-use super::frames::{FRAMES_PER_THREAD, TRACERS_PER_THREAD};
+use super::frames::{TRACERS_PER_THREAD, frames_per_batch};
 use super::recording::Frames;
 use crate::dataset::Camera;
 use crate::dataset::manifest::bit_depth;
@@ -42,9 +42,15 @@ pub struct Cost {
     pub disk_free_bytes: Option<u64>,
 }
 
-/// Memory per pixel while a frame is generated, bytes: light of the frame and of its truth (f64 each),
-/// counts, the image's file.
-const BYTES_PER_PIXEL: u64 = 8 + 8 + 2 + 4;
+/// Memory per pixel while a frame is generated, bytes: its light (f32), counts, its tile of the contact
+/// sheet; if a detector blurs, the light three times (f64).
+const BYTES_PER_PIXEL: u64 = 4 + 4 + 1;
+const BYTES_PER_BLURRED_PIXEL: u64 = 24 + 4;
+
+/// Memory per pixel of a part of a frame that is processed at a time, bytes, and the largest number of such
+/// pixels: light of particles and their sum (f64).
+const BYTES_PER_PIXEL_OF_PART: u64 = 8 + 8;
+const PIXELS_OF_PART: u64 = 1 << 24;
 
 /// Memory per tracer while a frame is generated, bytes, in addition to the tracer and its particle:
 /// visibility, rows of tables and of the data file.
@@ -59,6 +65,16 @@ const BYTES_ON_DISK: f64 = 650.0;
 
 /// Size on disk per node of `truth/field.csv`, bytes.
 const BYTES_PER_NODE: u64 = 250;
+
+/// Memory for the images of the frames that are generated at a time, bytes.
+fn image_bytes(scenario: &Scenario) -> u64 {
+    let pixels = u64::from(scenario.settings.pixel_dim_x) * u64::from(scenario.settings.pixel_dim_y);
+    let is_blurred = scenario.spec.optics.blur_um.is_some();
+    let per_pixel = if is_blurred { BYTES_PER_BLURRED_PIXEL } else { BYTES_PER_PIXEL };
+    let at_a_time = rayon::current_num_threads().min(frames_per_batch(scenario));
+    let of_frame = pixels * per_pixel + pixels.min(PIXELS_OF_PART) * BYTES_PER_PIXEL_OF_PART;
+    of_frame * (at_a_time as u64).min(u64::from(scenario.recordings.frames()))
+}
 
 impl Cost {
     /// Calculates everything except the duration; `out` is the folder of the dataset.
@@ -78,10 +94,10 @@ impl Cost {
         };
         // Tracers are advanced, rendered and written in batches of this many frames.
         let batch = (TRACERS_PER_THREAD * threads) as f64 / particles_per_frame.max(1.0) + 1.0;
-        let batch = batch.min((FRAMES_PER_THREAD * threads) as f64).min(f64::from(frames.max(1)));
+        let most = frames_per_batch(scenario).min(frames.max(1) as usize);
+        let batch = batch.min(most as f64);
         let per_tracer = size_of::<Tracer>() as u64 + size_of::<Particle>() as u64 + BYTES_PER_ROW;
-        let at_a_time = (threads as u64).min(u64::from(frames.max(1)));
-        let memory_bytes = pixels * BYTES_PER_PIXEL * at_a_time
+        let memory_bytes = image_bytes(scenario)
             + (2.0 * batch * particles_per_frame) as u64 * per_tracer
             + points(scenario) * BYTES_PER_POINT * threads as u64;
         let nodes =
@@ -145,13 +161,11 @@ impl Cost {
     pub fn check_resources(&self, scenario: &Scenario) -> Result<()> {
         let mut problems = Vec::new();
         if let Some(free) = self.memory_free_bytes.filter(|free| self.memory_bytes > *free) {
-            let image_bytes =
-                self.pixels * BYTES_PER_PIXEL * (self.threads as u64).min(u64::from(self.frames));
             let settings = &scenario.settings;
             let (width, height) = (settings.pixel_dim_x, settings.pixel_dim_y);
             let margin_px = scenario.spec.boundaries.margin_px.unwrap_or(0.0);
             let size = f64::from(width.max(height));
-            let key = if 2 * image_bytes > self.memory_bytes {
+            let key = if 2 * image_bytes(scenario) > self.memory_bytes {
                 format!(
                     "optics.pixel_dim_x = {width} and optics.pixel_dim_y = {height}, or the number of threads"
                 )

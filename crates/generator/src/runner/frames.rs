@@ -5,6 +5,7 @@
 //! frames.
 
 use flows::Frame;
+use image::GrayImage;
 use microsig_core::Particle;
 use microsig_core::formats::data_file;
 use microsig_core::pool::BufferPool;
@@ -21,10 +22,19 @@ use storage::journal::Listing;
 use storage::{Error, OutputFolder, Progress, Result};
 
 /// Maximum number of frames in a batch, per thread.
-pub(super) const FRAMES_PER_THREAD: usize = 3;
+const FRAMES_PER_THREAD: usize = 3;
+
+/// Maximum number of pixels of a batch of several frames.
+const BATCH_PIXELS: usize = 1 << 26;
 
 /// A batch ends with the frame that reaches this number of tracers, per thread.
 pub(super) const TRACERS_PER_THREAD: usize = 8_192;
+
+/// Maximum number of frames in a batch: large ones are processed one by one.
+pub(super) fn frames_per_batch(scenario: &Scenario) -> usize {
+    let pixels = scenario.settings.pixel_dim_x as usize * scenario.settings.pixel_dim_y as usize;
+    (BATCH_PIXELS / pixels).clamp(1, FRAMES_PER_THREAD * rayon::current_num_threads())
+}
 
 /// Computes all frames in batches; tables of images are made once for a batch. `take` is called in parallel
 /// with each frame and the previous one; `add` receives its results in the order of frames.
@@ -36,8 +46,9 @@ pub(super) fn in_batches<T: Send>(
     mut add: impl FnMut(Vec<T>) -> Result<()> + Send,
 ) -> Result<()> {
     let bar = progress.images(u64::from(scenario.recordings.frames()));
+    let most = frames_per_batch(scenario);
     let mut all = Frames::new(scenario)?;
-    let (mut before, mut batch, mut taken) = (None, next_batch(&mut all)?, Vec::new());
+    let (mut before, mut batch, mut taken) = (None, next_batch(&mut all, most)?, Vec::new());
     while !batch.is_empty() {
         let take_all = || {
             truth.prepare(&batch);
@@ -52,7 +63,7 @@ pub(super) fn in_batches<T: Send>(
             outputs.collect::<Result<Vec<T>>>()
         };
         // Meanwhile, sequential work: adding the previous batch and advancing to the next one.
-        let meanwhile = || (add(std::mem::take(&mut taken)), next_batch(&mut all));
+        let meanwhile = || (add(std::mem::take(&mut taken)), next_batch(&mut all, most));
         let ((added, next), outputs) = rayon::join(meanwhile, take_all);
         added?;
         taken = outputs?;
@@ -73,14 +84,17 @@ pub(super) fn write(
     truth: &Truth<'_>,
     progress: &Progress,
 ) -> Result<(Totals, FileHashes, f64)> {
-    let files = FrameFiles::new(partial, scenario, camera);
+    let files = FrameFiles::new(partial, scenario, camera)?;
     let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
     let take = |frame: &Frame, before: Option<&Frame>| {
-        let truth = truth.frame(frame, before)?;
-        let rows = &truth.particles;
-        let stored = files.store(frame.index, rows, || camera.image(rows, frame.index))?;
+        // Of the truth, only text and particles stay in memory while the image is made.
+        let (text, rows) = {
+            let truth = truth.frame(frame, before)?;
+            (FrameText::of(scenario, &truth), truth.particles)
+        };
+        let stored = files.store(frame.index, &rows, || camera.image(&rows, frame.index))?;
         camera.renderer().shortfall()?;
-        Ok((frame.index, FrameText::of(scenario, &truth), stored))
+        Ok((frame.index, text, stored))
     };
     let add = |outputs: Vec<(u32, FrameText, StoredFrame)>| {
         outputs.into_iter().try_for_each(|(index, text, stored)| writer.add(index, &text, stored))
@@ -99,10 +113,10 @@ pub(super) fn write_from_memory(
     image: impl Fn(usize) -> Image + Sync,
     progress: &Progress,
 ) -> Result<(Totals, FileHashes, f64)> {
-    let files = FrameFiles::new(partial, scenario, camera);
+    let files = FrameFiles::new(partial, scenario, camera)?;
     let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
     let bar = progress.images(truths.len() as u64);
-    let group = FRAMES_PER_THREAD * rayon::current_num_threads();
+    let group = frames_per_batch(scenario);
     for (first, truths) in (0..).step_by(group).zip(truths.chunks(group)) {
         let store = |(i, truth): (usize, &FrameTruth)| {
             progress.check()?;
@@ -124,8 +138,6 @@ struct DatasetWriter {
     sheet: ContactSheet,
     /// Largest fraction of saturated pixels in a frame of the contact sheet.
     saturated: f64,
-    /// Saturation of the camera, counts.
-    end_counts: f64,
 }
 
 impl DatasetWriter {
@@ -135,7 +147,6 @@ impl DatasetWriter {
             hashes: FileHashes::default(),
             sheet: ContactSheet::default(),
             saturated: 0.0,
-            end_counts: scenario.sensor()?.saturation_counts(),
         })
     }
 
@@ -143,9 +154,9 @@ impl DatasetWriter {
         let StoredFrame { particles, image, picture } = stored;
         self.tables.add(text)?;
         self.hashes.frames.push(FrameEntry { visible: text.visible(), particles, image });
-        if let Some(picture) = picture {
-            self.sheet.add(index, &picture);
-            self.saturated = self.saturated.max(saturated_fraction(&picture, self.end_counts));
+        if let Some((tile, saturated)) = picture {
+            self.sheet.add(index, tile);
+            self.saturated = self.saturated.max(saturated);
         }
         Ok(())
     }
@@ -163,10 +174,9 @@ fn saturated_fraction(image: &Image, end_counts: f64) -> f64 {
     image.counts.values().filter(|count| *count >= last).count() as f64 / image.counts.len().max(1) as f64
 }
 
-fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
-    let threads = rayon::current_num_threads();
-    let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * threads);
-    while batch.len() < FRAMES_PER_THREAD * threads && room > 0 {
+fn next_batch(frames: &mut Frames, most: usize) -> Result<Vec<Frame>> {
+    let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * rayon::current_num_threads());
+    while batch.len() < most && room > 0 {
         let Some(frame) = frames.next().transpose()? else { break };
         room = room.saturating_sub(frame.tracers.len());
         batch.push(frame);
@@ -183,6 +193,8 @@ struct FrameFiles<'a> {
     camera: &'a Camera,
     /// Frames that are on the contact sheet.
     shown: Vec<u32>,
+    /// Saturation of the camera, counts.
+    end_counts: f64,
     files: BufferPool<Vec<u8>>,
 }
 
@@ -190,20 +202,21 @@ struct FrameFiles<'a> {
 struct StoredFrame {
     particles: Fingerprint,
     image: Fingerprint,
-    /// The image itself, if the contact sheet needs it.
-    picture: Option<Image>,
+    /// If the contact sheet shows it: its tile, and the fraction of saturated pixels.
+    picture: Option<(GrayImage, f64)>,
 }
 
 impl<'a> FrameFiles<'a> {
-    fn new(partial: &'a Partial, scenario: &'a Scenario, camera: &'a Camera) -> Self {
-        FrameFiles {
+    fn new(partial: &'a Partial, scenario: &'a Scenario, camera: &'a Camera) -> Result<Self> {
+        Ok(FrameFiles {
             folder: partial.folder(),
             before: partial.before(),
             scenario,
             camera,
             shown: ContactSheet::chosen(scenario.recordings.frames(), scenario.recordings.are_pairs()),
+            end_counts: scenario.sensor()?.saturation_counts(),
             files: BufferPool::default(),
-        }
+        })
     }
 
     /// Writes a frame's data file and its image. The image is not computed if an interrupted run has finished
@@ -221,12 +234,13 @@ impl<'a> FrameFiles<'a> {
             self.folder.finished(&file, &image)?;
             return Ok(StoredFrame { particles, image, picture: None });
         }
-        let drawn = image();
-        let bytes = self.camera.tiff(&drawn, None, &self.folder.join(&file))?;
-        self.folder.save_bytes(&file, &*bytes)?;
-        let image = Fingerprint::of(&bytes);
+        let (drawn, path) = (image(), self.folder.join(&file));
+        self.folder.save(&file, |writer| self.camera.write_tiff(writer, &drawn, None, &path))?;
+        // Read back: the first bytes of the file, which name the place of the last, are written last.
+        let image = fingerprint(&path)?;
         self.folder.finished(&file, &image)?;
-        Ok(StoredFrame { particles, image, picture: wanted.then_some(drawn) })
+        let picture = || (ContactSheet::tile(&drawn), saturated_fraction(&drawn, self.end_counts));
+        Ok(StoredFrame { particles, image, picture: wanted.then(picture) })
     }
 
     /// The fingerprint of a file that an interrupted run has finished, if the file is unchanged.

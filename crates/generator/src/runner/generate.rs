@@ -81,6 +81,7 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
         let cost = cost.timed_by(&first, &truth, &camera)?;
         cost.warning().iter().for_each(|text| progress.note(text));
     }
+    drop(first);
     let scan = scenario.scan_of_mean()?;
     let frames = |partial: &Partial| frames::write(partial, scenario, &camera, &truth, progress);
     let generated = assemble(partial, scenario, options, (&camera, &scan), frames)?;

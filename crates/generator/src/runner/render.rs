@@ -119,7 +119,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
         options.progress.check()?;
         let image = camera.image(&read(file)?, options.first_frame + i as u32);
         camera.renderer().shortfall()?;
-        folder.save_bytes(name, &*camera.tiff(&image, None, &folder.join(name))?)?;
+        folder.save(name, |writer| camera.write_tiff(writer, &image, None, &folder.join(name)))?;
         bar.inc(1);
         Ok::<(), Error>(())
     })?;

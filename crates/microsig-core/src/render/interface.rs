@@ -98,10 +98,7 @@ pub trait Render: Debug + Send + Sync {
 
     /// The image of these particles: [`Render::light`] exposed by `sensor`, which must have the settings of
     /// the renderer.
-    fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
-        let light = self.light(particles, random.streams, random.rays, random.frame);
-        sensor.expose(&light, random.streams, random.noise, random.frame)
-    }
+    fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image;
 
     /// The light of one particle with little or no ray noise, from which values per particle (peak, area) are
     /// computed.

@@ -45,7 +45,7 @@ impl Window {
     }
 
     /// The smallest window that contains both.
-    pub(super) fn joined(self, other: Window) -> Window {
+    pub(crate) fn joined(self, other: Window) -> Window {
         if self.area() == 0 {
             return other;
         }
@@ -64,6 +64,12 @@ impl Window {
     /// Number of pixels.
     pub fn area(&self) -> usize {
         self.width * self.height
+    }
+
+    /// Its rows, from 0, if it is on the sensor.
+    pub(crate) fn rows(&self) -> std::ops::Range<usize> {
+        let first = (self.y0.max(1) - 1) as usize;
+        first..first + self.height
     }
 }
 

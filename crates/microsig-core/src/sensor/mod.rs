@@ -22,6 +22,8 @@ pub use response::Response;
 use rounded_normal::NormalSteps;
 pub use rounded_normal::RoundedNormal;
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::error::Error;
@@ -120,26 +122,55 @@ impl Sensor {
 
     /// The image of `light`, with the noise of `frame` from the streams of `purpose`.
     pub fn expose(&self, light: &Light, streams: &Streams, purpose: Purpose, frame: u32) -> Image {
+        let (size, rows) = ((light.width, light.height), light.height as usize);
+        self.expose_parts(size, rows, streams, purpose, frame, |_| &light.values)
+    }
+
+    /// The same for light of a large image: `make` is called with the rows (from 0) of one part after the
+    /// other, of `rows` rows (the last may have fewer), and returns their light. The size is (width, height),
+    /// px.
+    pub fn expose_parts<L: AsRef<[f64]>>(
+        &self,
+        size: (u32, u32),
+        rows: usize,
+        streams: &Streams,
+        purpose: Purpose,
+        frame: u32,
+        make: impl FnMut(Range<usize>) -> L,
+    ) -> Image {
         let row_stream = |row: usize| streams.stream(purpose, frame, row as u32);
-        let size = (light.width, light.height);
         match self.format {
-            ImageFormat::Integer => self.image(size, Counts::Whole(self.rows(light, row_stream))),
-            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.rows(light, row_stream))),
+            ImageFormat::Integer => self.image(size, Counts::Whole(self.parts(size, rows, row_stream, make))),
+            ImageFormat::Float32 => {
+                self.image(size, Counts::Unrounded(self.parts(size, rows, row_stream, make)))
+            }
         }
     }
 
-    fn rows<P: Pixel>(&self, light: &Light, stream: impl Fn(usize) -> Stream + Sync) -> Vec<P> {
-        let width = light.width as usize;
-        let mut counts = vec![P::default(); light.values.len()];
-        let rows = counts.par_chunks_mut(width).zip(light.values.par_chunks(width)).enumerate();
-        rows.with_min_len(16).for_each_init(
-            || RowBuffers::new(width),
-            |buffers, (row, (counts, values))| self.expose_row(row, values, stream(row), buffers, counts),
-        );
+    fn parts<P: Pixel, L: AsRef<[f64]>>(
+        &self,
+        (width, height): (u32, u32),
+        rows: usize,
+        stream: impl Fn(usize) -> Stream + Sync,
+        mut make: impl FnMut(Range<usize>) -> L,
+    ) -> Vec<P> {
+        let width = width as usize;
+        let mut counts = vec![P::default(); width * height as usize];
+        for (part, counts) in counts.chunks_mut((rows * width).max(1)).enumerate() {
+            let first = part * rows;
+            let light = make(first..first + counts.len() / width);
+            let rows = counts.par_chunks_mut(width).zip(light.as_ref().par_chunks(width)).enumerate();
+            rows.with_min_len(16).for_each_init(
+                || RowBuffers::new(width),
+                |buffers, (row, (counts, values))| {
+                    self.expose_row(first + row, values, stream(first + row), buffers, counts);
+                },
+            );
+        }
         counts
     }
 
-    /// The same for light that is computed band by band, without storing all of it: `make` is called with the
+    /// The same for light that is computed band by band in parallel: `make` is called with the
     /// first row (from 0) of each band of `rows` rows (the last may have fewer) and writes the light on all
     /// pixels of the band. The size is (width, height), px.
     pub fn expose_bands(
@@ -353,6 +384,10 @@ mod tests {
                     let banded =
                         sensor.expose_bands((64, 64), 5, &streams, Purpose::BackgroundNoise, 0, rows);
                     assert_eq!(image, banded);
+                    let part = |rows: Range<usize>| &light.values[64 * rows.start..64 * rows.end];
+                    let in_parts =
+                        sensor.expose_parts((64, 64), 5, &streams, Purpose::BackgroundNoise, 0, part);
+                    assert_eq!(image, in_parts);
                     image
                 };
                 let (whole, unrounded) = (of(ImageFormat::Integer), of(ImageFormat::Float32));

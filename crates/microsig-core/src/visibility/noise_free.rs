@@ -2,7 +2,7 @@
 
 use super::spheroid::spheres;
 use crate::emission::aperture_excess;
-use crate::render::Renderer;
+use crate::render::{Renderer, Window};
 use crate::{Particle, Settings};
 
 /// Tolerance of images that are only used for visibility: the root mean square error relative to the peak.
@@ -112,10 +112,11 @@ impl NoiseFree {
         particles.iter().fold(Patch::default(), |whole, particle| whole.joined(self.draw(particle)))
     }
 
-    /// Number of pixels on which a particle is rendered; its parts are counted separately.
-    pub fn pixels(&self, particle: &Particle) -> usize {
-        let parts = self.parts(particle);
-        parts.iter().map(|part| self.source(part).0.patch_window(part).area()).sum()
+    /// The pixels on which [`NoiseFree::draw_all`] draws; an image of rays is larger in exceptional cases.
+    pub fn window(&self, particles: &[Particle]) -> Window {
+        let parts = particles.iter().flat_map(|particle| self.parts(particle));
+        let windows = parts.map(|part| self.source(&part).0.patch_window(&part));
+        windows.fold(Window::default(), Window::joined)
     }
 }
 
@@ -197,7 +198,7 @@ mod tests {
             for particle in particles() {
                 let light = renderer.light(&[particle], &Streams::new(0), Purpose::Rays, 0).values;
                 let patch = single.draw(&particle);
-                assert_eq!(single.pixels(&particle), patch.values.len(), "{particle:?}");
+                assert_eq!(single.window(&[particle]).area(), patch.values.len(), "{particle:?}");
                 let mut drawn = vec![0.0; light.len()];
                 for (row, values) in patch.values.chunks(patch.width.max(1)).enumerate() {
                     let first = (patch.corner.1 + row) * settings.pixel_dim_x as usize + patch.corner.0;

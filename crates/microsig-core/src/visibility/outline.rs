@@ -3,6 +3,7 @@
 use crate::sensor::Sensor;
 
 use super::noise_free::Patch;
+use super::overlap::TotalLight;
 use super::run_length::RunLengths;
 
 /// The pixels in which a particle's own noise-free light exceeds a fraction of its peak and the standard
@@ -27,7 +28,7 @@ impl Outline {
     pub(super) fn of(
         patch: &Patch,
         share: f64,
-        total: &[f64],
+        total: &TotalLight,
         (width, height): (usize, usize),
         sensor: &Sensor,
     ) -> Option<Self> {
@@ -38,7 +39,7 @@ impl Outline {
             low = (low.0.min(x), low.1.min(y));
             high = (high.0.max(x), high.1.max(y));
             area += 1;
-            hidden += usize::from(total[y * width + x] - light > light);
+            hidden += usize::from(total.from(y * width + x)[0] - light > light);
             mask.push(x * height + y);
         }
         (area > 0).then(|| Outline {
@@ -88,9 +89,10 @@ mod tests {
         let settings = Settings { gain: 1.0, background_noise: 4.0, ..Settings::setting1() };
         let sensor = Sensor::new(&settings);
         let patch = Patch { corner: (2, 1), width: 3, values: vec![1.0, 30.0, 5.0, 50.0, 100.0, 11.0] };
-        let mut total = vec![0.0; 8 * 6];
-        total[8 + 3] = 30.0 + 31.0;
-        total[2 * 8 + 3] = 100.0 + 99.0;
+        let mut buffer = Vec::new();
+        let mut total = TotalLight::dark(8, 0..6, &mut buffer);
+        let others = Patch { corner: (3, 1), width: 1, values: vec![31.0, 99.0] };
+        total.add(&[patch.clone(), others]);
         let outline = Outline::of(&patch, 0.1, &total, (8, 6), &sensor).unwrap();
         assert_eq!((outline.corner, outline.size, outline.area), ((2, 1), (3, 2), 4));
         assert_eq!(outline.hidden, 0.25);

@@ -18,9 +18,9 @@ use crate::error::{Error, shown};
 use crate::optics::{self, OpticalSystem, Ray};
 use crate::particle::{Particle, Spheroid};
 use crate::render::instructions::InstructionSet;
-use crate::render::interface::{Description, Render, Traits};
+use crate::render::interface::{Description, ImageStreams, Render, Traits};
 use crate::render::patch::{ExpectedPatch, Patch, Window};
-use crate::sensor::Light;
+use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Stream, Streams};
 use fan::RayFan;
@@ -33,6 +33,9 @@ const PATCH_PIXELS: usize = 1 << 24;
 
 /// Maximum number of particles traced before their patches are added.
 const PATCHES: usize = 1024;
+
+/// Number of pixels of an image that are exposed at a time: 128 MB of light.
+const PART_PIXELS: usize = 1 << 24;
 
 /// Rows per band of pixels in parallel summation.
 const BAND: usize = 64;
@@ -331,33 +334,68 @@ impl Render for RayRenderer {
 
     fn light(&self, particles: &[Particle], streams: &Streams, purpose: Purpose, frame: u32) -> Light {
         let mut light = Light::dark(&self.settings);
-        let width = light.width as usize;
-        let windows: Vec<Window> = particles.par_iter().map(|p| self.window(p)).collect();
-        let mut first = 0;
-        while first < particles.len() {
-            let last = first + fitting(&windows[first..]);
-            let (chunk, windows) = (&particles[first..last], &windows[first..last]);
-            let patches: Vec<(&Particle, Patch)> = chunk
-                .par_iter()
-                .zip(windows)
-                .enumerate()
-                .map_init(Scratch::default, |scratch, (i, (particle, &window))| {
-                    checkpoint();
-                    let mut angles = streams.stream(purpose, frame, (first + i) as u32);
-                    self.patch_in(window, particle, &mut angles, scratch).map(|patch| (particle, patch))
-                })
-                .flatten()
-                .collect();
+        let angles = |row: usize| streams.stream(purpose, frame, row as u32);
+        self.add(particles, angles, 0, &mut light.values);
+        light
+    }
+
+    /// A large image is exposed in parts, so that the light is never stored as a whole.
+    fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
+        let ImageStreams { streams, rays, noise, frame } = random;
+        let (width, height) = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
+        let rows = (PART_PIXELS / width as usize).clamp(1, height as usize);
+        let angles = |row: usize| streams.stream(rays, frame, row as u32);
+        let mut is_complete = true;
+        let image = sensor.expose_parts((width, height), rows, streams, noise, frame, |rows| {
+            let mut light = vec![0.0; rows.len() * width as usize];
+            is_complete &= self.add(particles, angles, rows.start, &mut light);
+            light
+        });
+        if is_complete || rows == height as usize {
+            return image;
+        }
+        drop(image);
+        sensor.expose(&self.light(particles, streams, rays, frame), streams, noise, frame)
+    }
+}
+
+impl RayRenderer {
+    /// Adds the light of all particles on rows from `first_row` (from 0) on. Returns whether all images of
+    /// particles are within their windows: light that falls on these rows from outside is missing otherwise.
+    fn add(
+        &self,
+        particles: &[Particle],
+        angles: impl Fn(usize) -> Stream + Sync,
+        first_row: usize,
+        light: &mut [f64],
+    ) -> bool {
+        let width = self.settings.pixel_dim_x as usize;
+        let end_row = first_row + light.len() / width;
+        let windows = particles.par_iter().enumerate().map(|(row, particle)| (row, self.window(particle)));
+        let reaching = windows.filter(|(_, window)| {
+            window.area() > 0 && window.rows().start < end_row && window.rows().end > first_row
+        });
+        let windows: Vec<(usize, Window)> = reaching.collect();
+        let (mut rest, mut are_within) = (windows.as_slice(), true);
+        while !rest.is_empty() {
+            let (chunk, after) = rest.split_at(fitting(rest));
+            rest = after;
+            let traced = chunk.par_iter().map_init(Scratch::default, |scratch, &(row, window)| {
+                checkpoint();
+                self.patch_in(window, &particles[row], &mut angles(row), scratch)
+            });
+            let patches: Vec<Option<Patch>> = traced.collect();
+            let patches = || chunk.iter().zip(&patches).filter_map(|(of, patch)| Some((of, patch.as_ref()?)));
+            are_within &= patches().all(|((_, window), patch)| window.joined(patch.window) == *window);
             // Bands of pixels, not particles, are distributed to threads: at each pixel, particles are summed
             // in order.
-            light.values.par_chunks_mut(BAND * width).enumerate().for_each(|(band, pixels)| {
-                for (particle, patch) in &patches {
-                    patch.add(band * BAND, particle.c_int, pixels, width);
+            light.par_chunks_mut(BAND * width).enumerate().for_each(|(band, pixels)| {
+                for ((row, _), patch) in patches() {
+                    patch.add(first_row + band * BAND, particles[*row].c_int, pixels, width);
                 }
             });
-            first = last;
         }
-        light
+        are_within
     }
 }
 
@@ -376,9 +414,9 @@ pub(super) fn lens_phrase(settings: &Settings, cylinder: String) -> String {
 }
 
 /// Number of leading windows whose patches fit the memory limit, at least one.
-fn fitting(windows: &[Window]) -> usize {
+fn fitting(windows: &[(usize, Window)]) -> usize {
     let mut pixels = 0;
-    let fits = |window: &&Window| {
+    let fits = |(_, window): &&(usize, Window)| {
         pixels += window.area();
         pixels <= PATCH_PIXELS
     };
@@ -393,6 +431,24 @@ fn greatest_radius(particle: &Particle) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_of_an_image_have_its_light() {
+        let settings = Settings { pixel_dim_x: 70, pixel_dim_y: 90, ..Settings::setting1() };
+        let renderer = RayRenderer::new(&settings, SpheroidLaw::Original).unwrap();
+        let at = |k: u32| (f64::from(k * 37 % 75) - 2.3, f64::from(k * 53 % 101) - 5.1);
+        let sphere = |k: u32| Particle::sphere(at(k).0, at(k).1, 0.5 * f64::from(k) - 30.0, 2.0);
+        let particles: Vec<Particle> =
+            (0..40).map(|k| Particle { c_int: 0.1 * f64::from(k), ..sphere(k) }).collect();
+        let streams = Streams::new(3);
+        let whole = renderer.light(&particles, &streams, Purpose::Rays, 2).values;
+        for (part, light) in whole.chunks(70 * 13).enumerate() {
+            let mut own = vec![0.0; light.len()];
+            let angles = |row: usize| streams.stream(Purpose::Rays, 2, row as u32);
+            assert!(renderer.add(&particles, angles, 13 * part, &mut own));
+            assert!(own == light, "part {part}");
+        }
+    }
 
     /// The reduced aperture changes no count: every patch is the same as with the whole aperture.
     #[test]
