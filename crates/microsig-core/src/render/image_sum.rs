@@ -121,8 +121,9 @@ pub(super) fn patch(window: Window, draw: impl FnOnce(ImageBand)) -> Option<Expe
     let stride = stride(window.width);
     let mut pixels = vec![0.0; window.height * stride];
     draw(ImageBand { x0: window.x0, y0: window.y0, stride, pixels: &mut pixels });
-    let mut counts = vec![0.0; window.area()];
-    copy(&pixels, window.width, &mut counts);
+    let mut counts = Vec::with_capacity(window.area());
+    let rows = pixels.chunks_exact(stride).map(|row| &row[..window.width]);
+    rows.for_each(|row| counts.extend(row.iter().copied().map(f64::from)));
     Some(ExpectedPatch { window, counts })
 }
 

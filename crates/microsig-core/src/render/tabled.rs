@@ -7,7 +7,7 @@
 
 use std::fmt::Debug;
 use std::ops::RangeInclusive;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -158,7 +158,7 @@ pub trait ImageModel: Debug + Send + Sync {
 }
 
 /// Draws spheres one after the other with its working memory.
-pub trait Pen<L>: Default {
+pub trait Pen<L>: Debug + Default + Send {
     /// Adds a sphere to a band that contains some of its pixels.
     fn add(&mut self, sphere: &SphereImage<'_, L>, band: &mut ImageBand<'_>);
 }
@@ -174,6 +174,7 @@ pub struct TabledRenderer<M: ImageModel> {
     tables: SharedTables<M::Layout>,
     /// Working memory, reused from image to image.
     images: BufferPool<Vec<f32>>,
+    pens: Mutex<Vec<M::Pen>>,
 }
 
 /// A table, and the source drawn from it as the table has it.
@@ -233,7 +234,8 @@ pub(super) fn check<M: ImageModel>(model: &M, particle: &Particle) -> Result<Opt
 impl<M: ImageModel> TabledRenderer<M> {
     pub(super) fn of(model: M, instructions: InstructionSet) -> Self {
         let (context, tables, images) = (Context::default(), SharedTables::default(), BufferPool::default());
-        TabledRenderer { model, instructions, context, is_single: false, tables, images }
+        let pens = Mutex::default();
+        TabledRenderer { model, instructions, context, is_single: false, tables, images, pens }
     }
 
     /// The same renderer, which computes each image for itself, at its own depth, instead of from tables: for
@@ -425,7 +427,8 @@ impl<M: ImageModel> pulp::WithSimd for Draw<'_, M> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
         let Draw { renderer, sources, images, mut band } = self;
-        let mut pen = M::Pen::default();
+        let idle = || renderer.pens.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pen = idle().pop().unwrap_or_default();
         for (source, image) in sources.iter().zip(images) {
             let light = &source.light;
             match image {
@@ -441,6 +444,7 @@ impl<M: ImageModel> pulp::WithSimd for Draw<'_, M> {
                 }
             }
         }
+        idle().push(pen);
     }
 }
 

@@ -87,6 +87,13 @@ impl<L: PlaneLayout> SharedTables<L> {
         context: &Context,
         make: impl Fn(Key) -> DepthTable<L> + Sync,
     ) -> Vec<Arc<DepthTable<L>>> {
+        let known = || -> Option<Vec<_>> {
+            let tables = self.0.read().unwrap_or_else(PoisonError::into_inner);
+            keys.iter().map(|key| tables.get(key).cloned()).collect()
+        };
+        if let Some(known) = known() {
+            return known;
+        }
         let mut found: BTreeMap<Key, Arc<DepthTable<L>>> = BTreeMap::new();
         let mut missing: BTreeSet<Key> = BTreeSet::new();
         {

@@ -10,7 +10,7 @@ use crate::render::image_sum::{ImageBand, SphereImage};
 use crate::render::tabled;
 
 /// Working memory.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Pen {
     round: RadialInterpolator,
     quadrant: QuadrantInterpolator,

@@ -23,7 +23,7 @@ const BEHIND: usize = 2;
 const PANEL: usize = 8;
 
 /// Working memory.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct QuadrantInterpolator {
     /// Rows of nodes, phase by phase.
     nodes: Vec<f32>,

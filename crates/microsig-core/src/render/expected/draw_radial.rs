@@ -24,7 +24,7 @@ const STRIP: usize = 64;
 type Quadratic = [f32; 4];
 
 /// Working memory.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct RadialInterpolator {
     /// Coefficients by order: of node 1 as the mirror image before node 0, of all nodes, and zeros
     /// after the last.
@@ -35,7 +35,7 @@ pub(super) struct RadialInterpolator {
 }
 
 /// A batch of pixels, in groups along their rows.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Batch {
     /// For each row, the position of its first group on the band and the number of groups.
     rows: Vec<(usize, usize)>,

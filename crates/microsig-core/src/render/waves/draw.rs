@@ -19,7 +19,7 @@ type Axis = node_layout::Axis<TAPS>;
 const PADDING: usize = 2 * LANES;
 
 /// Working memory for rendering.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Pen {
     /// A row of nodes, ordered by phase.
     nodes: Vec<f32>,
