@@ -6,9 +6,7 @@ use std::path::{Component, Path};
 
 use microsig_core::Settings;
 use microsig_core::formats::tiff;
-use microsig_core::optics::OpticalSystem;
 use microsig_core::render::WaveOptics;
-use microsig_core::render::waves::Mask;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
@@ -79,15 +77,6 @@ pub(super) struct Origin {
     pub(super) waves: Option<WaveOptics>,
     /// Blur, and how the optics vary over the field of view.
     pub(super) over_field: OpticsFacts,
-}
-
-impl Origin {
-    /// Whether images of spheres are round.
-    pub(super) fn is_round(&self) -> bool {
-        let pupil = self.waves.as_ref().map(|waves| &waves.pupil);
-        let has_round_pupil = pupil.is_none_or(|pupil| pupil.mask == Mask::Open && pupil.zernike.is_empty());
-        has_round_pupil && OpticalSystem::new(&self.settings).cylinder.is_none()
-    }
 }
 
 /// Reads the stacks of a dataset at all places of the field of view, sorted by depth, without duplicate

@@ -184,7 +184,7 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
     };
     let finer = Origin { settings, ..origin };
     let fits = ShapeTable::bytes(FINE, side / 2) < LARGEST_TABLE;
-    let fine = (fits && finer.is_round())
+    let fine = (fits && model.renderer.traits().is_round)
         .then(|| ModelImages::new(&finer, &depths_um, side * PER_PX as usize, TOLERANCE_OF_TABLES, context))
         .transpose()?
         .map(|fine| ModelImages { unit: sphere.unit, ..fine });

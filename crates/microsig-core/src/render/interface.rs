@@ -47,6 +47,8 @@ pub struct Traits {
     pub has_ray_noise: bool,
     /// Whether light is diffracted at the lens.
     pub is_diffracted: bool,
+    /// Whether the optics are round: a turn of a particle about the optical axis turns its image.
+    pub is_round: bool,
     /// Selection of the source points of a spheroid. `None`: there is no choice.
     pub spheroid_law: Option<SpheroidLaw>,
 }

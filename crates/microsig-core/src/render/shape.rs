@@ -201,7 +201,7 @@ mod tests {
     use super::*;
     use crate::emission::SpheroidLaw;
     use crate::particle::Particle;
-    use crate::render::waves::{Lens, WaveOptics, WavesRenderer};
+    use crate::render::waves::{Cylinder, Lens, PupilFunction, WaveOptics, WavesRenderer};
     use crate::render::{ExpectedRenderer, Render};
     use crate::settings::Settings;
 
@@ -242,6 +242,38 @@ mod tests {
                     drawn.counts.iter().zip(&ours.pixels).map(|(a, b)| (a - b[0]).abs()).fold(0.0, f64::max);
                 assert!(off < 0.004 * peak, "{} {particle:?}: {}", renderer.traits().name, off / peak);
             }
+        }
+    }
+
+    #[test]
+    fn round_optics_turn_images_with_their_particles() {
+        let lens = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };
+        let cylinder = Some(Cylinder { focal_length_mm: 100.0, to_sensor_mm: 40.0 });
+        let astigmatic = PupilFunction { zernike: vec![(6, 0.3)], ..PupilFunction::default() };
+        let waves = |optics: WaveOptics| WavesRenderer::new(&settings(), &optics, 0.01).unwrap();
+        let rays =
+            |settings: Settings| ExpectedRenderer::new(&settings, SpheroidLaw::Uniform, 0.003).unwrap();
+        let behind = Settings { cyl_focal_length: Settings::setting1a().cyl_focal_length, ..settings() };
+        let renderers: [(&dyn Render, bool); 5] = [
+            (&rays(settings()), true),
+            (&rays(behind), false),
+            (&waves(lens.clone()), true),
+            (&waves(WaveOptics { cylinder, ..lens.clone() }), false),
+            (&waves(WaveOptics { pupil: astigmatic, ..lens }), false),
+        ];
+        for (renderer, is_round) in renderers {
+            assert_eq!(renderer.traits().is_round, is_round);
+            let side = 61;
+            let window = Window { x0: 31, y0: 31, width: side, height: side };
+            let [along, down] = [[0.9, 0.0, 0.3], [0.0, 0.9, 0.3]].map(|axis| {
+                let spheroid = Some(Spheroid::from_axis(3.0, axis));
+                let rod = Particle { spheroid, ..Particle::sphere(61.0, 61.0, -8.0, 2.0) };
+                renderer.mean_patch(&rod).unwrap().on(window)
+            });
+            let peak = along.iter().copied().fold(0.0, f64::max);
+            let turned = |i: usize| along[(side - 1 - i % side) * side + i / side];
+            let off = (0..side * side).map(|i| (turned(i) - down[i]).abs()).fold(0.0, f64::max) / peak;
+            assert_eq!(off < 0.02, is_round, "{}: {off}", renderer.description().optics);
         }
     }
 

@@ -125,6 +125,7 @@ impl Render for GaussianRenderer {
             depends_on_depth: false,
             has_ray_noise: false,
             is_diffracted: false,
+            is_round: true,
             spheroid_law: None,
         }
     }

@@ -239,6 +239,7 @@ impl Render for RayRenderer {
             depends_on_depth: true,
             has_ray_noise: true,
             is_diffracted: false,
+            is_round: self.system.cylinder.is_none(),
             spheroid_law: Some(self.law),
         }
     }

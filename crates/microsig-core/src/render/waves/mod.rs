@@ -324,6 +324,7 @@ impl ImageModel for Waves {
             depends_on_depth: true,
             has_ray_noise: false,
             is_diffracted: true,
+            is_round: self.model.is_round(),
             spheroid_law: None,
         }
     }
