@@ -374,6 +374,7 @@ def waits(program, out, options):
         return print("skipped: needs --before PROGRAM of an earlier version")
     quick, number = ROOT / "scenarios/quickstart.ron", lambda n: f"--set=particles.number=count({n})"
     infocus = [ROOT / "scenarios/piv_gaussian.ron", "--set=particles.number=ppp(0.005)"]
+    rods = [ROOT / "scenarios/spheroids_in_shear.ron", "--set=timing=sequence(frames: 2, dt_s: 0.005)"]
     large = ["--set=optics.pixel_dim_x=8192", "--set=optics.pixel_dim_y=8192", "--set=timing=pairs(count: 1)", number(10_000)]
     with tempfile.TemporaryDirectory() as scratch:
         scratch = Path(scratch)
@@ -383,6 +384,9 @@ def waits(program, out, options):
             ("`track --method ncc`, quickstart", 3, [quick], ["track", "--method", "ncc"]),
             ("`track --method mle`, quickstart", 3, [quick], ["track", "--method", "mle"]),
             ("`track --method spots`, 20 images of 512 x 512 px", 3, infocus, ["track", "--method", "spots"]),
+            ("`track --method mle --shape spheroid --aspect-ratio 3`, 2 images of spheroids_in_shear", 1, rods,
+             ["track", "--method", "mle", "--shape", "spheroid", "--aspect-ratio", "3"]),
+            ("the same without `--aspect-ratio`", 1, rods, ["track", "--method", "mle", "--shape", "spheroid"]),
             ("`track --method aptv`, quickstart_astigmatic", 3, [ROOT / "scenarios/quickstart_astigmatic.ron"], ["track", "--method", "aptv"]),
             ("`track --method piv`, 10 pairs", 3, [ROOT / "scenarios/piv_gaussian.ron"], ["track", "--method", "piv"]),
             ("`generate`, walls of a channel, 2 images of 128 x 128 px", 3, None)

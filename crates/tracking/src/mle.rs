@@ -28,6 +28,7 @@ use super::spheroids;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
 use super::{Method, ParticleShape};
+use storage::Progress;
 use storage::error::{Error, Result};
 
 /// Tolerance of the model images, relative to their peaks.
@@ -188,7 +189,8 @@ pub(super) fn shape_images(job: &Job, longest: f64) -> Result<OfSpheroids> {
         .then(|| ModelImages::new(&finer, &depths_um, side * PER_PX as usize, TOLERANCE_OF_TABLES, context))
         .transpose()?
         .map(|fine| ModelImages { unit: sphere.unit, ..fine });
-    let images = ShapeImages { model, draft, fine, table: None, radii, aspect_px, room };
+    let progress = job.options.progress.clone();
+    let images = ShapeImages { model, draft, fine, table: None, progress, radii, aspect_px, room };
     Ok(OfSpheroids { images: images.up_to(longest), noise })
 }
 
@@ -210,6 +212,7 @@ pub(super) struct ShapeImages {
     fine: Option<ModelImages>,
     /// Drafts of the one aspect ratio, if that is known.
     table: Option<Arc<ShapeTable>>,
+    progress: Progress,
     /// Half widths of images of spheres, px, and how much larger an aspect ratio makes them.
     radii: Vec<usize>,
     aspect_px: f64,
@@ -240,14 +243,18 @@ impl ShapeImages {
     /// Images of this aspect ratio over depth and axis, if there can be tables.
     pub(super) fn tabled(&self, e_p: f64, nodes: [usize; 2]) -> Option<Arc<ShapeTable>> {
         let fine = self.fine.as_ref()?;
+        let bar = self.progress.images(ShapeTable::images(nodes));
         let image = |z_um: f64, axis: DVec3, half: usize| {
             checkpoint();
+            bar.inc(1);
             let pose = Pose { at: [0.5; 2], z_um, axis, e_p, brightness: 1.0 };
             let first = fine.middle + 1 - half as i64;
             let window = Window { x0: first, y0: first, width: 2 * half, height: 2 * half };
             fine.spheroid(&fine.renderer, &pose, [0; 2], window)
         };
-        Some(Arc::new(ShapeTable::new(self.depths_um(), nodes, self.radius() + 2, image)))
+        let table = ShapeTable::new(self.depths_um(), nodes, self.radius() + 2, image);
+        bar.finish();
+        Some(Arc::new(table))
     }
 
     /// With this table for drafts.

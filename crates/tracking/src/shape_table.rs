@@ -41,6 +41,11 @@ impl ShapeTable {
         (depths + 2 * BEYOND) * (tilts + 2 * BEYOND) * side * side * size_of::<f32>()
     }
 
+    /// Number of images from which a table is made.
+    pub(super) fn images([depths, tilts]: [usize; 2]) -> u64 {
+        ((depths + 2 * BEYOND) * tilts) as u64
+    }
+
     /// These numbers of depths over a range (um), and of tilts from the optical axis to the image plane, at least 7; half widths of
     /// `radius_px`. `image(z_um, axis, n)`: light on 2 n by 2 n squares of
     /// side 1/[`PER_PX`] px around the particle, row by row.
