@@ -93,6 +93,27 @@ struct Aspect {
     misfit: f64,
 }
 
+/// Fits of particles with one aspect ratio: poses and chi^2.
+struct Compared {
+    fits: Vec<Option<(Pose, f64)>>,
+}
+
+impl Compared {
+    /// Logarithms of chi^2, so that overlapping particles, which none fits, decide no more than others.
+    fn cost(&self) -> f64 {
+        self.fits.iter().flatten().map(|(_, chi2)| chi2.ln()).sum()
+    }
+
+    fn poses(&self) -> Vec<Vec<Pose>> {
+        self.fits.iter().map(|fit| fit.iter().map(|(pose, _)| *pose).collect()).collect()
+    }
+}
+
+/// The aspect ratio whose logarithm is this many steps.
+fn aspect_at(step: i32) -> f64 {
+    (f64::from(step) * ASPECT_STEP).exp()
+}
+
 impl Clear<'_> {
     /// The matches, and the same tilted the other way.
     fn both_tilts(&self) -> Vec<Pose> {
@@ -272,61 +293,57 @@ impl Spheroids {
         clear.collect()
     }
 
+    /// Fits of all particles with the same aspect ratio, of this logarithm in steps, each the best from its starts.
+    fn compared(&self, clearest: &[Clear], step: i32, starts: &[Vec<Pose>]) -> Compared {
+        let e_p = aspect_at(step);
+        let is_same = |other: &f64| (other / e_p - 1.0).abs() < 1e-9;
+        let table = match self.templates.aspects.iter().position(is_same) {
+            Some(i) => self.tables[i].clone(),
+            None => self.images.tabled(e_p, FINE),
+        };
+        let images = self.images.clone().with_table(table);
+        let best = |(of, starts): (&Clear, &Vec<Pose>)| {
+            let fit = Fit { images: &images, aspect: Some(e_p), ..of.fit };
+            let fits = starts.iter().filter_map(|pose| fit.drafted(&of.region, &Pose { e_p, ..*pose }));
+            fits.min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        Compared { fits: clearest.par_iter().zip(starts).map(best).collect() }
+    }
+
     /// The aspect ratios of particles by fits with tables of several, the same for all particles: from the most frequent match in
     /// smaller and smaller steps to the best, then for each particle by a parabola through its chi^2.
     fn aspects_by_tables(&self, clearest: &[Clear]) -> Vec<Aspect> {
-        let aspect = |k: i32| (f64::from(k) * ASPECT_STEP).exp();
-        let all = |k: i32, starts: &[Vec<Pose>]| -> (Vec<Option<(Pose, f64)>>, f64) {
-            let is_same = |other: &f64| (other / aspect(k) - 1.0).abs() < 1e-9;
-            let table = match self.templates.aspects.iter().position(is_same) {
-                Some(i) => self.tables[i].clone(),
-                None => self.images.tabled(aspect(k), FINE),
-            };
-            let images = self.images.clone().with_table(table);
-            let fits = clearest.par_iter().zip(starts).map(|(of, starts)| {
-                let fit = Fit { images: &images, aspect: Some(aspect(k)), ..of.fit };
-                let fits = starts
-                    .iter()
-                    .filter_map(|pose| fit.drafted(&of.region, &Pose { e_p: aspect(k), ..*pose }));
-                fits.min_by(|a, b| a.1.total_cmp(&b.1))
-            });
-            let fits: Vec<Option<(Pose, f64)>> = fits.collect();
-            // Logarithms, so that overlapping particles, which none fits, decide no more than others.
-            let cost = fits.iter().map(|fit| fit.map_or(0.0, |(_, chi2)| chi2.ln())).sum();
-            (fits, cost)
-        };
-        let try_near = |tried: &mut BTreeMap<i32, (Vec<Option<(Pose, f64)>>, f64)>, k: i32, known: i32| {
-            if !tried.contains_key(&k) {
-                let poses = |fit: &Option<(Pose, f64)>| fit.iter().map(|(pose, _)| *pose).collect();
-                let starts: Vec<Vec<Pose>> = tried[&known].0.iter().map(poses).collect();
-                tried.insert(k, all(k, &starts));
-            }
-        };
         let matches = clearest.iter().map(|of| (of.starts[0].e_p.ln() / ASPECT_STEP, 1.0));
         let Some(first) = weighted_median(matches.collect()) else { return Vec::new() };
-        let mut best = first.round() as i32;
         let starts: Vec<Vec<Pose>> = clearest.iter().map(Clear::both_tilts).collect();
-        let mut tried = BTreeMap::from([(best, all(best, &starts))]);
+        let mut best = first.round() as i32;
+        let mut tried = BTreeMap::from([(best, self.compared(clearest, best, &starts))]);
+        let better = |at: i32, than: i32, tried: &mut BTreeMap<i32, Compared>| {
+            if !tried.contains_key(&at) {
+                let compared = self.compared(clearest, at, &tried[&than].poses());
+                tried.insert(at, compared);
+            }
+            if tried[&at].cost() < tried[&than].cost() { at } else { than }
+        };
         let range = ParticleShape::ASPECTS.least..=ParticleShape::ASPECTS.most;
         for step in [FIRST_STEP, 1] {
             loop {
                 let here = best;
-                for k in [here - step, here + step].into_iter().filter(|k| range.contains(&aspect(*k))) {
-                    try_near(&mut tried, k, here);
-                    best = if tried[&k].1 < tried[&best].1 { k } else { best };
+                for at in [here - step, here + step].into_iter().filter(|at| range.contains(&aspect_at(*at)))
+                {
+                    best = better(at, best, &mut tried);
                 }
                 if best == here {
                     break;
                 }
             }
-            let costs = [best - step, best, best + step].map(|k| tried.get(&k).map(|(_, cost)| -cost));
+            let costs = [best - step, best, best + step].map(|at| tried.get(&at).map(|of| -of.cost()));
             if let [Some(low), Some(middle), Some(high)] = costs {
-                let k = best + (vertex([low, middle, high]).0 * f64::from(step)).round() as i32;
-                try_near(&mut tried, k, best);
-                best = if tried[&k].1 < tried[&best].1 { k } else { best };
+                let off = (vertex([low, middle, high]).0 * f64::from(step)).round() as i32;
+                best = better(best + off, best, &mut tried);
             }
         }
-        let chi2 = |k: i32, i: usize| Some(tried.get(&k)?.0[i]?.1);
+        let chi2 = |at: i32, i: usize| Some(tried.get(&at)?.fits[i]?.1);
         let vertex = |(i, of): (usize, &Clear)| {
             let [low, middle, high] = [chi2(best - 1, i)?, chi2(best, i)?, chi2(best + 1, i)?];
             let curvature = low - 2.0 * middle + high;
