@@ -51,6 +51,13 @@ const SAMPLED: usize = 24;
 const ASPECT_STEP: f64 = std::f64::consts::LN_2 / 8.0;
 const FIRST_STEP: i32 = 4;
 
+/// Particles below this number hardly measure an aspect ratio: one fit of a wrong orientation decides.
+const FEW: usize = 4;
+
+/// Measurements with tables of the last result, and the change of the logarithm at which they end.
+const ASPECT_ROUNDS: usize = 4;
+const NEAR_ASPECT: f64 = 0.01;
+
 /// Relative error of an aspect ratio that its standard deviation may lack: of overlapping particles. It limits their weight.
 const ASPECT_ERROR: f64 = 0.02;
 
@@ -166,12 +173,27 @@ impl Spheroids {
         let mut measured = (aspect, deviation, particles);
         let images = all.images.up_to(longest(&[aspect]));
         let mut all = Spheroids::with(images, vec![aspect], noise, Known::Measured(aspect, deviation));
-        if all.images.has_table() {
-            // Now by exact images; the table is still a draft.
-            measured = all.common_aspect(job)?.unwrap_or(measured);
-            all.templates.aspects[0] = measured.0;
+        // Now by exact images, again with a table of the result if that is not near the last.
+        for _ in 0..ASPECT_ROUNDS {
+            if !all.images.has_table() {
+                break;
+            }
+            let Some((aspect, deviation, particles)) = all.common_aspect(job)? else { break };
+            let change = (aspect / measured.0).ln().abs();
+            measured = (aspect, deviation, particles);
+            if change < NEAR_ASPECT {
+                all.templates.aspects[0] = aspect;
+                break;
+            }
+            let images = all.images.up_to(longest(&[aspect]));
+            all = Spheroids::with(images, vec![aspect], noise, Known::Measured(aspect, deviation));
         }
         let (aspect, deviation, particles) = measured;
+        if particles < FEW {
+            job.warn(format!(
+                "the aspect ratio is measured by {particles} of the particles only, and may be wrong by 10 %; give it if it is known"
+            ));
+        }
         all.known = Known::Measured(aspect, deviation);
         job.note(format!("an aspect ratio of {aspect:.3} +- {deviation:.3} by {particles} of the particles"));
         Ok(all)
