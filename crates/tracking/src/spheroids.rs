@@ -51,8 +51,9 @@ const SAMPLED: usize = 24;
 const ASPECT_STEP: f64 = std::f64::consts::LN_2 / 8.0;
 const FIRST_STEP: i32 = 4;
 
-/// Particles below this number hardly measure an aspect ratio: one fit of a wrong orientation decides.
-const FEW: usize = 4;
+/// Up to this number of particles, one at a wrong orientation would decide about the tables that are compared, so that the aspect
+/// ratio of each is fitted.
+const FEW: usize = 8;
 
 /// Measurements with tables of the last result, and the change of the logarithm at which they end.
 const ASPECT_ROUNDS: usize = 4;
@@ -89,7 +90,7 @@ struct Clear<'a> {
     fit: Fit<'a>,
     region: Region,
     starts: Vec<Pose>,
-    /// By a fit of the aspect ratio, where there are no tables.
+    /// By a fit, unless aspect ratios are measured by tables.
     aspect: Option<Aspect>,
 }
 
@@ -98,6 +99,17 @@ struct Aspect {
     logarithm: f64,
     deviation: f64,
     misfit: f64,
+}
+
+/// The aspect ratio of all particles with its standard deviation.
+#[derive(Clone, Copy)]
+struct CommonAspect {
+    value: f64,
+    deviation: f64,
+    /// Number of particles that measure it.
+    particles: usize,
+    /// Whether it is the best of tables, not fitted yet by exact images.
+    by_tables: bool,
 }
 
 /// Fits of particles with one aspect ratio: poses and chi^2.
@@ -166,36 +178,34 @@ impl Spheroids {
         if aspect != AspectRatio::Common {
             return Ok(all);
         }
-        let Some((aspect, deviation, particles)) = all.common_aspect(job)? else {
+        let Some(mut measured) = all.common_aspect(job)? else {
             job.warn("no particle shows the aspect ratio; each is taken to have its own");
             return Ok(all);
         };
-        let mut measured = (aspect, deviation, particles);
-        let images = all.images.up_to(longest(&[aspect]));
-        let mut all = Spheroids::with(images, vec![aspect], noise, Known::Measured(aspect, deviation));
+        let tabled = |images: ShapeImages, CommonAspect { value, deviation, .. }: CommonAspect| {
+            Spheroids::with(
+                images.up_to(longest(&[value])),
+                vec![value],
+                noise,
+                Known::Measured(value, deviation),
+            )
+        };
+        let (rounds, mut all) =
+            (if measured.by_tables { ASPECT_ROUNDS } else { 0 }, tabled(all.images, measured));
         // Now by exact images, again with a table of the result if that is not near the last.
-        for _ in 0..ASPECT_ROUNDS {
-            if !all.images.has_table() {
-                break;
-            }
-            let Some((aspect, deviation, particles)) = all.common_aspect(job)? else { break };
-            let change = (aspect / measured.0).ln().abs();
-            measured = (aspect, deviation, particles);
+        for _ in 0..rounds {
+            let Some(next) = all.common_aspect(job)? else { break };
+            let change = (next.value / measured.value).ln().abs();
+            measured = next;
             if change < NEAR_ASPECT {
-                all.templates.aspects[0] = aspect;
+                all.templates.aspects[0] = measured.value;
                 break;
             }
-            let images = all.images.up_to(longest(&[aspect]));
-            all = Spheroids::with(images, vec![aspect], noise, Known::Measured(aspect, deviation));
+            all = tabled(all.images, measured);
         }
-        let (aspect, deviation, particles) = measured;
-        if particles < FEW {
-            job.warn(format!(
-                "the aspect ratio is measured by {particles} of the particles only, and may be wrong by 10 %; give it if it is known"
-            ));
-        }
-        all.known = Known::Measured(aspect, deviation);
-        job.note(format!("an aspect ratio of {aspect:.3} +- {deviation:.3} by {particles} of the particles"));
+        let CommonAspect { value, deviation, particles, .. } = measured;
+        all.known = Known::Measured(value, deviation);
+        job.note(format!("an aspect ratio of {value:.3} +- {deviation:.3} by {particles} of the particles"));
         Ok(all)
     }
 
@@ -247,17 +257,26 @@ impl Spheroids {
     }
 
     /// Median of the aspect ratios of particles that are fitted well, its standard deviation, and their number.
-    fn common_aspect(&self, job: &Job) -> Result<Option<(f64, f64, usize)>> {
+    fn common_aspect(&self, job: &Job) -> Result<Option<CommonAspect>> {
         let all = job.recording.frames();
         let frames = all.min(SAMPLED_FRAMES);
-        let clearest = |k: usize| -> Result<Vec<Clear>> {
-            Ok(self.clearest(&job.recording.frame(k * all / frames)?, SAMPLED.div_ceil(frames)))
+        let clearest = |by_tables: bool| -> Result<Vec<Clear>> {
+            let in_frame = |k: usize| -> Result<Vec<Clear>> {
+                let frame = job.recording.frame(k * all / frames)?;
+                Ok(self.clearest(&frame, SAMPLED.div_ceil(frames), by_tables))
+            };
+            let found = (0..frames).into_par_iter().map(in_frame).collect::<Result<Vec<_>>>()?;
+            Ok(found.into_iter().flatten().collect())
         };
-        let clearest: Vec<Vec<Clear>> = (0..frames).into_par_iter().map(clearest).collect::<Result<_>>()?;
-        let clearest: Vec<Clear> = clearest.into_iter().flatten().collect();
-        let mut measured = match self.compares_tables() {
-            true => self.aspects_by_tables(&clearest),
-            false => clearest.into_iter().filter_map(|of| of.aspect).collect(),
+        let mut by_tables = self.images.can_have_tables() && !self.images.has_table();
+        let mut clear = clearest(by_tables)?;
+        if by_tables && clear.len() <= FEW {
+            by_tables = false;
+            clear = clearest(false)?;
+        }
+        let mut measured = match by_tables {
+            true => self.aspects_by_tables(&clear),
+            false => clear.into_iter().filter_map(|of| of.aspect).collect(),
         };
         // Worse than these are overlapping particles that were taken for one.
         measured.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
@@ -280,12 +299,8 @@ impl Spheroids {
         let variances: f64 =
             measured.iter().map(|(_, deviation)| (weight(*deviation) * deviation).powi(2)).sum();
         let deviation = scatter.max(median_factor * variances.sqrt() / weights);
-        Ok(Some((middle.exp(), middle.exp() * deviation, n)))
-    }
-
-    /// Whether an aspect ratio is measured by comparing tables.
-    fn compares_tables(&self) -> bool {
-        self.images.can_have_tables() && !self.images.has_table()
+        let value = middle.exp();
+        Ok(Some(CommonAspect { value, deviation: value * deviation, particles: n, by_tables }))
     }
 
     /// The aspect ratio of a particle by a fit of it, or by a last step from a fit with that of a table.
@@ -297,15 +312,15 @@ impl Spheroids {
         (e_p > least && e_p < most).then_some(aspect)
     }
 
-    /// The `most` particles of a frame that correlate best.
-    fn clearest(&self, frame: &GrayImage, most: usize) -> Vec<Clear<'_>> {
+    /// The `most` particles of a frame that correlate best, with their aspect ratios unless these are measured by tables.
+    fn clearest(&self, frame: &GrayImage, most: usize, by_tables: bool) -> Vec<Clear<'_>> {
         let Matched { fit, counts: mut residual, mut particles } = self.matched(frame);
         particles.sort_by(|a, b| b.0.total_cmp(&a.0));
         particles.iter().for_each(|(_, of)| fit.add(&mut residual, &of[0], -1.0));
         let clear = particles.into_iter().take(most).map(|(_, starts)| {
             fit.add(&mut residual, &starts[0], 1.0);
             let region = fit.region(&residual, &starts[0]);
-            let aspect = match self.compares_tables() {
+            let aspect = match by_tables {
                 true => None,
                 false => fit.best(&residual, &starts).and_then(|fitted| self.aspect(&fit, &residual, fitted)),
             };
